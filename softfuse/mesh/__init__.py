@@ -1,0 +1,1 @@
+"""Tetrahedral meshes and their closed surfaces: made, read, checked, measured."""

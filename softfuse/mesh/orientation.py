@@ -1,0 +1,177 @@
+"""Meshes brought to the one accepted form, or refused with the place and the remedy.
+
+Accepted: finite coordinates, every node used once and by some tetrahedron, corners before mid-edge nodes,
+positive volumes, every face in one or two tetrahedra. Two positive tetrahedra on opposite sides of their common face
+list its corners in opposite senses; the same sense means that they lie on the same side, hence overlap: such
+a mesh is folded, and swapping nodes would only hide it.
+"""
+
+import logging
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from softfuse.errors import MeshError
+from softfuse.mesh.tetmesh import FACES, TetMesh, edge_lengths, tet_mesh, volumes
+
+log = logging.getLogger(__name__)
+
+_FLAT = 1e-6
+"""Smallest volume over the cube of the longest edge (0.118 for a regular tetrahedron) that is not degenerate."""
+
+_SWAP = np.array([0, 2, 1, 3, 6, 5, 4, 7, 9, 8])
+"""Exchange of the corners 1 and 2, mid-edge nodes included."""
+
+
+def oriented(mesh: TetMesh) -> TetMesh:
+    """The mesh in the accepted form: unused nodes dropped, corners first, all volumes positive.
+
+    Tetrahedra of negative volume get two nodes exchanged, which mends a file of the other convention. Raises
+    MeshError where that does not help: what `check` refuses.
+    """
+    _check_arrays(mesh)
+    mesh = _corners_first(mesh)
+    _check_volumes(mesh)
+    negative = volumes(mesh) < 0.0
+    if negative.any():
+        log.info("exchanged two nodes of %d of %d tetrahedra of negative volume", negative.sum(), len(negative))
+        tets = np.where(negative[:, None], mesh.tets[:, _SWAP[: mesh.tets.shape[1]]], mesh.tets)
+        mesh = tet_mesh(mesh.nodes, tets, region=mesh.region)
+    check(mesh)
+    return mesh
+
+
+def check(mesh: TetMesh) -> None:
+    """Raise MeshError, naming the tetrahedron or node and the remedy, when the mesh is not in the accepted form."""
+    _check_arrays(mesh)
+    _check_nodes(mesh)
+    _check_volumes(mesh)
+    size = volumes(mesh)
+    if (size < 0.0).any():
+        worst = int(np.argmin(size))
+        raise MeshError(
+            f"tet {worst} has volume {size[worst]:.3g} m³: exchange two of its nodes (`oriented` does) or remesh"
+        )
+    _check_faces(mesh)
+    _check_curved(mesh)
+
+
+def _check_arrays(mesh: TetMesh) -> None:
+    nodes, tets = mesh.nodes, mesh.tets
+    if nodes.ndim != 2 or nodes.shape[1] != 3:
+        raise MeshError(f"nodes have the shape {nodes.shape}: a mesh needs (n, 3) coordinates in metres")
+    if tets.ndim != 2 or tets.shape[1] not in (4, 10):
+        raise MeshError(f"tets have the shape {tets.shape}: give (m, 4) linear or (m, 10) quadratic tetrahedra")
+    if len(tets) == 0:
+        raise MeshError("the mesh holds no tetrahedra: export the volume mesh, not only its surface")
+    if mesh.region.shape != (len(tets),):
+        raise MeshError(f"region has the shape {mesh.region.shape}: give one number for each of the {len(tets)} tets")
+    bad = ~np.isfinite(nodes).all(axis=1)
+    if bad.any():
+        node = int(np.argmax(bad))
+        raise MeshError(f"node {node} has the position {nodes[node]}: it must be finite; export the mesh again")
+    bad = ((tets < 0) | (tets >= len(nodes))).any(axis=1)
+    if bad.any():
+        tet = int(np.argmax(bad))
+        raise MeshError(f"tet {tet} names the nodes {tets[tet].tolist()}, but nodes run from 0 to {len(nodes) - 1}")
+
+
+def _check_nodes(mesh: TetMesh) -> None:
+    used = np.zeros(len(mesh.nodes), bool)
+    used[mesh.tets] = True
+    if not used.all():
+        raise MeshError(f"no tet uses node {int(np.argmin(used))}: drop such nodes (`oriented` does)")
+    corner = np.zeros(len(mesh.nodes), bool)
+    corner[mesh.corners] = True
+    corner[mesh.tets[:, 4:]] = False
+    if corner.sum() != mesh.n_corners:
+        raise MeshError("corner and mid-edge nodes are mixed: number the corners first (`oriented` does)")
+    extent = np.ptp(mesh.nodes, axis=0).max()
+    order = np.lexsort(np.round(mesh.nodes / (1e-9 * extent)).T)
+    same = (np.abs(np.diff(mesh.nodes[order], axis=0)) < 1e-9 * extent).all(axis=1)
+    if same.any():
+        first = int(np.argmax(same))
+        a, b = sorted(order[first : first + 2].tolist())
+        raise MeshError(f"nodes {a} and {b} are at the same place {mesh.nodes[a]} m: merge duplicate nodes")
+
+
+def _check_volumes(mesh: TetMesh) -> None:
+    size, length = volumes(mesh), edge_lengths(mesh).max(axis=1)
+    shape = np.abs(size) / np.maximum(length, np.finfo(float).tiny) ** 3
+    worst = int(np.argmin(shape))
+    if shape[worst] < _FLAT:
+        raise MeshError(
+            f"tet {worst} is degenerate: volume {size[worst]:.3g} m³ at a longest edge of {length[worst]:.3g} m; remesh"
+        )
+
+
+def _check_faces(mesh: TetMesh) -> None:
+    faces = mesh.corners[:, FACES].reshape(-1, 3)
+    key = np.sort(faces, axis=1)
+    order = np.lexsort(key.T[::-1])
+    same = (np.diff(key[order], axis=0) == 0).all(axis=1)
+    three = same[1:] & same[:-1]
+    if three.any():
+        at = int(np.argmax(three))
+        raise MeshError(
+            f"the face {key[order[at]].tolist()} belongs to the tets {(order[at : at + 3] // 4).tolist()}: "
+            "at most two may share a face; remove duplicates or remesh"
+        )
+    first, second = faces[order[:-1]][same], faces[order[1:]][same]
+    folded = _cyclic(first) == _cyclic(second)
+    if folded.any():
+        at = int(np.flatnonzero(same)[np.argmax(folded)])
+        a, b = (order[at : at + 2] // 4).tolist()
+        size = volumes(mesh)
+        raise MeshError(
+            f"tets {a} and {b} (volumes {size[a]:.3g} and {size[b]:.3g} m³) overlap: both lie on the same side of "
+            "their common face, so one of them is inverted; move its nodes back or remesh"
+        )
+
+
+def _cyclic(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
+    """Sense (f,) of the corners: ±1, alike for the three rotations of a face."""
+    a, b, c = faces.T
+    return np.where((a < b).astype(int) + (b < c) + (c < a) == 2, 1, -1)
+
+
+def _check_curved(mesh: TetMesh) -> None:
+    if mesh.order == 1:
+        return
+    lowest = np.full(len(mesh.tets), np.inf)
+    for gradient in _nodal_gradients():
+        jacobian = np.einsum("mai,aj->mij", mesh.nodes[mesh.tets], gradient)
+        lowest = np.minimum(lowest, np.linalg.det(jacobian) / 6.0)
+    bad = lowest <= 0.0
+    if bad.any():
+        tet = int(np.argmax(bad))
+        raise MeshError(
+            f"curved tet {tet} is inverted at one of its nodes (Jacobian {6.0 * lowest[tet]:.3g} m³): straighten its edges "
+            "or remesh finer"
+        )
+
+
+def _nodal_gradients() -> Float[np.ndarray, "10 10 3"]:
+    """Derivatives of the ten shape functions by (ξ, η, ζ), at the ten nodes."""
+    corners = np.vstack([np.zeros(3), np.eye(3)])
+    pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
+    points = np.vstack([corners, [(corners[a] + corners[b]) / 2 for a, b in pairs]])
+    slope = np.vstack([-np.ones(3), np.eye(3)])
+    result = []
+    for point in points:
+        value = np.concatenate([[1.0 - point.sum()], point])
+        own = (4.0 * value[:, None] - 1.0) * slope
+        mixed = [4.0 * (value[a] * slope[b] + value[b] * slope[a]) for a, b in pairs]
+        result.append(np.vstack([own, mixed]))
+    return np.array(result)
+
+
+def _corners_first(mesh: TetMesh) -> TetMesh:
+    corner = np.unique(mesh.corners)
+    middle = np.setdiff1d(np.unique(mesh.tets[:, 4:]), corner)
+    keep = np.concatenate([corner, middle])
+    if len(keep) < len(mesh.nodes):
+        log.info("dropped %d nodes that no tetrahedron uses", len(mesh.nodes) - len(keep))
+    number = np.zeros(len(mesh.nodes), np.int32)
+    number[keep] = np.arange(len(keep))
+    return tet_mesh(mesh.nodes[keep], number[mesh.tets], region=mesh.region)
