@@ -1,10 +1,10 @@
 """Boxes of a tensor grid cut into six tetrahedra each, ready for tagged bisection.
 
-The box [0, 1]³ falls into the six Kuhn tetrahedra 0, e_i, e_i + e_j, (1, 1, 1), one per order (i, j, k) of the axes; all
-share the diagonal from 0 to (1, 1, 1), which is their first refinement edge (tag 3). A neighbouring box is
-the mirror image of its neighbour in the common face (the J₁ triangulation of Todd), so the common face is cut
-alike, its nodes come in the same order on both sides, which makes the mesh fit for bisection, and the mesh is
-symmetric about every grid plane about which the grid is symmetric.
+The box [0, 1]³ falls into the six Kuhn tetrahedra 0, e_i, e_i + e_j, (1, 1, 1), one per order (i, j, k) of
+the axes; all share the diagonal from 0 to (1, 1, 1), which is their first refinement edge (tag 3).
+Neighbouring boxes are mirror images in their common face (the J₁ triangulation of Todd), so both cut that
+face alike and list its nodes in the same order, as bisection asks, and the mesh is symmetric about every grid
+plane about which the grid itself is symmetric.
 
 Source: M. J. Todd, "The Computation of Fixed Points and Applications", Springer 1976, Ch. III.
 """
@@ -24,8 +24,8 @@ def kuhn_grid(
 ) -> TaggedTets:
     """Tetrahedra of the kept boxes between the planes (nx,), (ny,), (nz,) in m.
 
-    keep (nx − 1, ny − 1, nz − 1) leaves boxes out; the diagonals start at the planes whose index has the parity
-    `odd` (0 or 1 per axis). Nodes that no box uses are left out.
+    keep (nx − 1, ny − 1, nz − 1) leaves boxes out, with the nodes that only they use; the diagonals start at
+    the planes whose index has the parity `odd` (0 or 1 per axis).
     """
     shape = tuple(len(p) for p in planes)
     nodes = np.stack(np.meshgrid(*planes, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -1,9 +1,9 @@
 """Meshes brought to the one accepted form, or refused with the place and the remedy.
 
-Accepted: finite coordinates, every node used once and by some tetrahedron, corners before mid-edge nodes,
-positive volumes, every face in one or two tetrahedra. Two positive tetrahedra on opposite sides of their common face
-list its corners in opposite senses; the same sense means that they lie on the same side, hence overlap: such
-a mesh is folded, and swapping nodes would only hide it.
+Accepted: finite coordinates, no two nodes at one place, every node used, corners before mid-edge nodes,
+positive volumes, every face in one or two tetrahedra. Two positive tetrahedra on opposite sides of their
+common face list its corners in opposite senses; the same sense means that both lie on the same side, hence
+overlap: such a mesh is folded, and exchanging nodes would only hide it.
 """
 
 import logging
@@ -17,7 +17,7 @@ from softfuse.mesh.tetmesh import FACES, TetMesh, edge_lengths, tet_mesh, volume
 log = logging.getLogger(__name__)
 
 _FLAT = 1e-6
-"""Smallest volume over the cube of the longest edge (0.118 for a regular tetrahedron) that is not degenerate."""
+"""Smallest volume over the cube of the longest edge that is not degenerate; 0.118 when regular."""
 
 _SWAP = np.array([0, 2, 1, 3, 6, 5, 4, 7, 9, 8])
 """Exchange of the corners 1 and 2, mid-edge nodes included."""
@@ -34,7 +34,7 @@ def oriented(mesh: TetMesh) -> TetMesh:
     _check_volumes(mesh)
     negative = volumes(mesh) < 0.0
     if negative.any():
-        log.info("exchanged two nodes of %d of %d tetrahedra of negative volume", negative.sum(), len(negative))
+        log.info("flipped %d of %d tets, whose volume was negative", negative.sum(), len(negative))
         tets = np.where(negative[:, None], mesh.tets[:, _SWAP[: mesh.tets.shape[1]]], mesh.tets)
         mesh = tet_mesh(mesh.nodes, tets, region=mesh.region)
     check(mesh)
@@ -42,7 +42,7 @@ def oriented(mesh: TetMesh) -> TetMesh:
 
 
 def check(mesh: TetMesh) -> None:
-    """Raise MeshError, naming the tetrahedron or node and the remedy, when the mesh is not in the accepted form."""
+    """Raise MeshError, with place and remedy, unless the mesh is in the accepted form."""
     _check_arrays(mesh)
     _check_nodes(mesh)
     _check_volumes(mesh)
@@ -50,7 +50,7 @@ def check(mesh: TetMesh) -> None:
     if (size < 0.0).any():
         worst = int(np.argmin(size))
         raise MeshError(
-            f"tet {worst} has volume {size[worst]:.3g} m³: exchange two of its nodes (`oriented` does) or remesh"
+            f"tet {worst} has volume {size[worst]:.3g} m³: flip its nodes (`oriented` does) or remesh"
         )
     _check_faces(mesh)
     _check_curved(mesh)
@@ -61,19 +61,19 @@ def _check_arrays(mesh: TetMesh) -> None:
     if nodes.ndim != 2 or nodes.shape[1] != 3:
         raise MeshError(f"nodes have the shape {nodes.shape}: a mesh needs (n, 3) coordinates in metres")
     if tets.ndim != 2 or tets.shape[1] not in (4, 10):
-        raise MeshError(f"tets have the shape {tets.shape}: give (m, 4) linear or (m, 10) quadratic tetrahedra")
+        raise MeshError(f"tets have the shape {tets.shape}: give (m, 4) or (m, 10) node numbers")
     if len(tets) == 0:
         raise MeshError("the mesh holds no tetrahedra: export the volume mesh, not only its surface")
     if mesh.region.shape != (len(tets),):
-        raise MeshError(f"region has the shape {mesh.region.shape}: give one number for each of the {len(tets)} tets")
+        raise MeshError(f"region has the shape {mesh.region.shape}: give one number per tet, {len(tets)}")
     bad = ~np.isfinite(nodes).all(axis=1)
     if bad.any():
         node = int(np.argmax(bad))
-        raise MeshError(f"node {node} has the position {nodes[node]}: it must be finite; export the mesh again")
+        raise MeshError(f"node {node} has the position {nodes[node]}: it must be finite; export it again")
     bad = ((tets < 0) | (tets >= len(nodes))).any(axis=1)
     if bad.any():
         tet = int(np.argmax(bad))
-        raise MeshError(f"tet {tet} names the nodes {tets[tet].tolist()}, but nodes run from 0 to {len(nodes) - 1}")
+        raise MeshError(f"tet {tet} names nodes {tets[tet].tolist()}; they run from 0 to {len(nodes) - 1}")
 
 
 def _check_nodes(mesh: TetMesh) -> None:
@@ -101,7 +101,7 @@ def _check_volumes(mesh: TetMesh) -> None:
     worst = int(np.argmin(shape))
     if shape[worst] < _FLAT:
         raise MeshError(
-            f"tet {worst} is degenerate: volume {size[worst]:.3g} m³ at a longest edge of {length[worst]:.3g} m; remesh"
+            f"tet {worst} is degenerate: volume {size[worst]:.3g} m³ at edges of {length[worst]:.3g} m; remesh"
         )
 
 
@@ -124,8 +124,8 @@ def _check_faces(mesh: TetMesh) -> None:
         a, b = (order[at : at + 2] // 4).tolist()
         size = volumes(mesh)
         raise MeshError(
-            f"tets {a} and {b} (volumes {size[a]:.3g} and {size[b]:.3g} m³) overlap: both lie on the same side of "
-            "their common face, so one of them is inverted; move its nodes back or remesh"
+            f"tets {a} and {b} (volumes {size[a]:.3g} and {size[b]:.3g} m³) overlap: both lie on the same "
+            "side of their common face, so one of them is inverted; move its nodes back or remesh"
         )
 
 
@@ -146,8 +146,8 @@ def _check_curved(mesh: TetMesh) -> None:
     if bad.any():
         tet = int(np.argmax(bad))
         raise MeshError(
-            f"curved tet {tet} is inverted at one of its nodes (Jacobian {6.0 * lowest[tet]:.3g} m³): straighten its edges "
-            "or remesh finer"
+            f"curved tet {tet} is inverted at one of its nodes (Jacobian {6.0 * lowest[tet]:.3g} m³): "
+            "straighten its edges or remesh finer"
         )
 
 

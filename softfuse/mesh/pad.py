@@ -1,8 +1,8 @@
 """The soft pad: a block on a rigid plate, with closed box-shaped cavities, meshed finer towards its top.
 
-z runs from the fixed bottom (0) to the loaded top (size[2]); x and y are centred. A tensor grid through all planes of
-the block, the cavities and the middle is cut into tetrahedra (see `kuhn`), the cavities left out, and
-cut further (see `bisection`) until no edge is longer than
+z runs from the fixed bottom (0) to the loaded top (size[2]); x and y are centred. A tensor grid through all
+planes of the block, the cavities and the middle is cut into tetrahedra (see `kuhn`), the cavities left out,
+and cut further (see `bisection`) until no edge is longer than
 
     h(z) = surface_size + growth · (size[2] − z)
 
@@ -66,7 +66,7 @@ def pad_mesh(geometry: PadGeometry, surface_size: float, base_size: float, *, gr
 
 
 def _planes(geometry: PadGeometry, axis: int, base_size: float) -> tuple[Float[np.ndarray, " n"], int]:
-    """Grid planes in m along an axis and the parity of the plane at which the diagonals start: the middle or the top."""
+    """Grid planes in m along an axis and the parity of the one where the diagonals start."""
     size, half = geometry.size[axis], 0.5 * geometry.cavity_size[axis]
     ends = [0.0, size] if axis == 2 else [-0.5 * size, 0.0, 0.5 * size]
     sides = np.unique(geometry.centres()[:, axis])
@@ -90,7 +90,8 @@ def _check(geometry: PadGeometry, surface_size: float, base_size: float, growth:
     for k, centre in enumerate(centres):
         if (centre - 0.5 * cavity <= low).any() or (centre + 0.5 * cavity >= high).any():
             raise MeshError(
-                f"cavity {k} at {(1e3 * centre).round(3).tolist()} mm reaches the surface of the pad: make it smaller or move it"
+                f"cavity {k} at {(1e3 * centre).round(3).tolist()} mm reaches the surface of the pad: "
+                "make it smaller or move it"
             )
         for j in range(k):
             if (np.abs(centre - centres[j]) <= cavity).all():

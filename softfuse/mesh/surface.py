@@ -1,9 +1,10 @@
 """Closed surfaces of a tetrahedral mesh: its outer skin and its cavities.
 
-The boundary is the set of faces of one tetrahedron only, oriented outwards from the material. The volume inside a closed
-surface of flat triangles (a, b, c) is V = Σ a · (b × c) / 6 (divergence theorem), positive when the normals
-point out of the enclosed space. With normals out of the material the skin encloses a positive volume
-and a cavity a negative one; `cavities` turns its faces so that they point out of the cavity, into the material.
+The boundary is the set of faces of one tetrahedron only, oriented outwards from the material. The volume
+inside a closed surface of flat triangles (a, b, c) is V = Σ a · (b × c) / 6 (divergence theorem), positive
+when the normals point out of the enclosed space. With normals out of the material the skin encloses a
+positive volume and a cavity a negative one; `cavities` turns its faces so that they point out of the cavity,
+into the material.
 
 Winding number of a closed surface around a point: Σ Ω / 4π over the solid angles Ω of its triangles
 (A. van Oosterom, J. Strackee, IEEE Trans. Biomed. Eng. 30, 1983, DOI 10.1109/TBME.1983.325207).
@@ -25,7 +26,10 @@ _TURN = np.array([0, 2, 1, 5, 4, 3])
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Faces (f, 3) or (f, 6: corners, then mid-edges (0,1), (1,2), (2,0)) and the tetrahedron (f,) that owns each."""
+    """Faces (f, 3) or (f, 6) and the tetrahedron (f,) that owns each.
+
+    Six nodes are the corners, then the middles of the edges (0,1), (1,2), (2,0).
+    """
 
     faces: Int[np.ndarray, "f k"]
     tets: Int[np.ndarray, " f"]
@@ -47,23 +51,21 @@ def boundary_faces(mesh: TetMesh) -> Surface:
 def boundary_components(mesh: TetMesh) -> list[Surface]:
     """Connected closed parts of the boundary, normals out of the material, largest enclosed |volume| first.
 
-    Raises MeshError when an edge of the boundary belongs to more than two of its faces, so that parts touch along it.
+    Raises MeshError when more than two faces of the boundary meet at an edge, so that parts touch along it.
     """
     surface = boundary_faces(mesh)
-    edges, owners = _edges(surface.faces)
-    order = np.lexsort(edges.T[::-1])
-    edges, owners = edges[order], owners[order]
-    pairs = edges.reshape(-1, 2, 2) if len(edges) % 2 == 0 else edges[:-1].reshape(-1, 2, 2)
-    wrong = (pairs[:, 0] != pairs[:, 1]).any(axis=1)
-    wrong[1:] |= (pairs[1:, 0] == pairs[:-1, 1]).all(axis=1)
-    if wrong.any():
-        a, b = pairs[np.argmax(wrong), 0]
-        raise MeshError(
-            f"the boundary is not a surface at the edge of the nodes {a} and {b} near {mesh.nodes[a]} m: more than two faces "
-            "meet there; separate the parts that touch, or remesh"
-        )
     count = len(surface.faces)
-    graph = coo_array((np.ones(len(owners) // 2), (owners[::2], owners[1::2])), shape=(count, count))
+    edges = np.sort(surface.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    unique, place, sharing = np.unique(edges, axis=0, return_inverse=True, return_counts=True)
+    if (sharing != 2).any():
+        at = int(np.argmax(sharing != 2))
+        a, b = unique[at].tolist()
+        raise MeshError(
+            f"{sharing[at]} faces of the boundary meet at the edge of the nodes {a} and {b} near "
+            f"{mesh.nodes[a]} m, two should: separate the parts that touch there, or remesh"
+        )
+    owners = (np.argsort(place, kind="stable") // 3).reshape(-1, 2)
+    graph = coo_array((np.ones(len(owners)), (owners[:, 0], owners[:, 1])), shape=(count, count))
     n, label = connected_components(graph, directed=False)
     parts = [Surface(surface.faces[label == k], surface.tets[label == k]) for k in range(n)]
     return sorted(parts, key=lambda part: -abs(enclosed_volume(mesh.nodes, part.faces)))
@@ -86,10 +88,11 @@ def centroid(nodes: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f k"]) -> 
 def winding_number(
     points: Float[np.ndarray, "p 3"], nodes: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f k"]
 ) -> Float[np.ndarray, " p"]:
-    """Turns (p,) of a closed surface around points (p, 3) m: 1 inside, 0 outside when its normals point outwards."""
+    """Turns (p,) of a closed surface around points (p, 3) m: 1 inside, 0 outside, for outward normals."""
     result = np.empty(len(points))
-    for at in range(0, len(points), 1 + 2_000_000 // (len(faces) + 1)):
-        part = slice(at, at + 1 + 2_000_000 // (len(faces) + 1))
+    block = 1 + 1_000_000 // len(faces)
+    for at in range(0, len(points), block):
+        part = slice(at, at + block)
         a, b, c = (nodes[faces[:, k]][None] - points[part, None] for k in range(3))
         la, lb, lc = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
         volume = (a * np.cross(b, c)).sum(axis=-1)
@@ -99,26 +102,19 @@ def winding_number(
 
 
 def outer_surface(mesh: TetMesh) -> Surface:
-    """The skin of the body, normals out of the material; MeshError when the mesh falls into separate parts."""
-    skins = [part for part in boundary_components(mesh) if enclosed_volume(mesh.nodes, part.faces) > 0.0]
-    if len(skins) != 1:
-        places = "; ".join(str((1e3 * centroid(mesh.nodes, s.faces)).round(2)) for s in skins[:4])
-        raise MeshError(
-            f"the mesh falls into {len(skins)} separate parts, centred at {places} mm: join them or keep one of them"
-        )
-    return skins[0]
+    """The skin of the body, normals out of the material; MeshError when the mesh falls into parts."""
+    return _skin_and_cavities(mesh)[0]
 
 
 def cavities(mesh: TetMesh, centres: Float[np.ndarray, "k 3"] | None = None) -> list[Surface]:
     """Closed inner surfaces, normals out of the cavity into the material (their enclosed volume is positive).
 
-    centres (k, 3) m: where the config expects each cavity; the result follows their order. A centre belongs to the cavity
-    that contains it, or else to the one with the nearest centroid. Without centres: by centroid, x first, then y, then z.
-    Raises MeshError when the counts differ or two centres belong to the same cavity.
+    centres (k, 3) m: where the config expects each cavity; the result follows their order. A centre belongs
+    to the cavity that contains it, or else to the one with the nearest centroid. Without centres: by
+    centroid, x first, then y, then z. Raises MeshError when the counts differ or two centres belong to the
+    same cavity.
     """
-    outer_surface(mesh)
-    parts = boundary_components(mesh)
-    found = [part.turned() for part in parts if enclosed_volume(mesh.nodes, part.faces) < 0.0]
+    found = _skin_and_cavities(mesh)[1]
     middles = np.array([centroid(mesh.nodes, part.faces) for part in found]).reshape(-1, 3)
     if centres is None:
         grain = 1e-6 * np.ptp(mesh.nodes, axis=0).max()
@@ -131,23 +127,31 @@ def _matched(mesh: TetMesh, found: list[Surface], middles: np.ndarray, centres: 
     if len(found) != len(centres):
         places = "; ".join(str((1e3 * m).round(2)) for m in middles[:8]) or "none"
         raise MeshError(
-            f"config names {len(centres)} cavities, the mesh has {len(found)} closed inner surfaces (centroids in mm: "
-            f"{places}): correct the config, or the mesh if a cavity is open or filled"
+            f"config names {len(centres)} cavities, the mesh has {len(found)} closed inner surfaces "
+            f"(centroids in mm: {places}): correct the config, or the mesh if a cavity is open or filled"
         )
     owner: list[int] = []
-    inside = np.array([winding_number(centres, mesh.nodes, part.faces) > 0.5 for part in found]).reshape(-1, len(centres))
+    inside = np.array([winding_number(centres, mesh.nodes, part.faces) > 0.5 for part in found])
     for k, centre in enumerate(centres):
         distance = np.linalg.norm(middles - centre, axis=1)
         best = int(np.argmax(inside[:, k])) if inside[:, k].any() else int(np.argmin(distance))
         if best in owner:
             raise MeshError(
-                f"the cavity centres {owner.index(best)} and {k} of the config both belong to the cavity around "
-                f"{(1e3 * middles[best]).round(2)} mm: move a centre into its own cavity"
+                f"the cavity centres {owner.index(best)} and {k} of the config both belong to the cavity at "
+                f"{(1e3 * middles[best]).round(2)} mm: move each into its own cavity"
             )
         owner.append(best)
     return owner
 
 
-def _edges(faces: Int[np.ndarray, "f k"]) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, " e"]]:
-    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    return edges, np.repeat(np.arange(len(faces)), 3)
+def _skin_and_cavities(mesh: TetMesh) -> tuple[Surface, list[Surface]]:
+    parts = boundary_components(mesh)
+    enclosed = [enclosed_volume(mesh.nodes, part.faces) for part in parts]
+    skins = [part for part, volume in zip(parts, enclosed, strict=True) if volume > 0.0]
+    if len(skins) != 1:
+        places = "; ".join(str((1e3 * centroid(mesh.nodes, s.faces)).round(2)) for s in skins[:4])
+        raise MeshError(
+            f"the mesh falls into {len(skins)} parts that do not touch, centred at {places} mm: "
+            "join them or keep one"
+        )
+    return skins[0], [part.turned() for part, volume in zip(parts, enclosed, strict=True) if volume < 0.0]

@@ -1,10 +1,10 @@
 """Tetrahedral meshes of first and second order.
 
-A tetrahedron (a, b, c, d) has the signed volume V = (b − a) · ((c − a) × (d − a)) / 6; it is positive when the
-nodes are in the order of VTK and meshio, and the library accepts nothing else. A quadratic tetrahedron lists its
-four corners, then the nodes in the middle of the edges (0,1), (1,2), (0,2), (0,3), (1,3), (2,3) (VTK's
-QUADRATIC_TETRA, meshio's tetra10). Corner nodes come first among the nodes, so that a continuous linear field
-(the pressure of a Taylor-Hood element) lives on nodes[:n_corners].
+A tetrahedron (a, b, c, d) has the signed volume V = (b − a) · ((c − a) × (d − a)) / 6; it is positive when
+its nodes are in the order of VTK and meshio, and the library accepts nothing else. A quadratic tetrahedron
+lists its four corners, then the nodes in the middle of the edges (0,1), (1,2), (0,2), (0,3), (1,3), (2,3)
+(VTK's QUADRATIC_TETRA, meshio's tetra10). Corner nodes come first among the nodes, so that a continuous
+linear field (the pressure of a Taylor-Hood element) lives on nodes[:n_corners].
 
 Source: VTK file formats, https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html.
 """
@@ -26,7 +26,7 @@ FACES6 = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [
 
 @dataclass(frozen=True, eq=False)
 class TetMesh:
-    """Nodes (n, 3) in metres, tetrahedra (m, 4) or (m, 10), and the material region (m,) of each tetrahedron."""
+    """Nodes (n, 3) in metres, tetrahedra (m, 4) or (m, 10), and the material region (m,) of each."""
 
     nodes: Float[np.ndarray, "n 3"]
     tets: Int[np.ndarray, "m k"]
@@ -49,10 +49,10 @@ class TetMesh:
 
 
 def tet_mesh(nodes: np.ndarray, tets: np.ndarray, *, region: np.ndarray | None = None) -> TetMesh:
-    """A mesh from any number arrays: nodes (n, 3) m, tets (m, 4 | 10), region (m,), 0 everywhere when not given."""
+    """A mesh from any arrays of numbers: nodes (n, 3) m, tets (m, 4) or (m, 10), region (m,) or all 0."""
     tets = np.ascontiguousarray(tets, dtype=np.int32)
-    region = np.zeros(len(tets)) if region is None else region
-    return TetMesh(np.ascontiguousarray(nodes, dtype=np.float64), tets, np.ascontiguousarray(region, dtype=np.int32))
+    region = np.ascontiguousarray(np.zeros(len(tets)) if region is None else region, dtype=np.int32)
+    return TetMesh(np.ascontiguousarray(nodes, dtype=np.float64), tets, region)
 
 
 def volumes(mesh: TetMesh) -> Float[np.ndarray, " m"]:
