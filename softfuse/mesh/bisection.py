@@ -66,7 +66,7 @@ def bisected(mesh: TaggedTets, marked: np.ndarray) -> TaggedTets:
         tets = np.concatenate([tets[~marked], children])
         tags = np.concatenate([tags[~marked], np.repeat(np.where(tag > 1, tag - 1, 3), 2)])
         region = np.concatenate([region[~marked], np.repeat(region[marked], 2)])
-        marked = np.isin(_keys(tets[:, EDGES[:, 0]], tets[:, EDGES[:, 1]]), cut_edges).any(axis=1)
+        marked = np.asarray(np.isin(_keys(tets[:, EDGES[:, 0]], tets[:, EDGES[:, 1]]), cut_edges).any(axis=1))
     return TaggedTets(nodes, tets.astype(np.int32), tags, region)
 
 

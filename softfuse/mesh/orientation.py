@@ -101,7 +101,7 @@ def _check_volumes(mesh: TetMesh) -> None:
     worst = int(np.argmin(shape))
     if shape[worst] < _FLAT:
         raise MeshError(
-            f"tet {worst} is degenerate: volume {size[worst]:.3g} m³ at edges of {length[worst]:.3g} m; remesh"
+            f"tet {worst} is flat: volume {size[worst]:.3g} m³ at edges of {length[worst]:.3g} m: remesh"
         )
 
 

@@ -1,0 +1,94 @@
+"""Tetrahedral meshes in files: everything that meshio reads and writes (VTK, VTU, Gmsh, XDMF, MED, Abaqus ...).
+
+XDMF and MED files go through h5py. The order of nodes in a quadratic tetrahedron is meshio's tetra10 (VTK's) whatever the file format. Material regions
+are taken from the cell data "region", else from a Gmsh file's physical groups, else from MED's "cell_tags";
+without any of them the whole body is region 0.
+"""
+
+import contextlib
+import io
+from pathlib import Path
+
+import numpy as np
+
+from softfuse.errors import MeshError
+from softfuse.mesh.orientation import oriented
+from softfuse.mesh.tetmesh import TetMesh, tet_mesh
+
+_REGION_NAMES = ("region", "gmsh:physical", "cell_tags", "medit:ref")
+_CELLS = {1: "tetra", 2: "tetra10"}
+_WRITTEN = {".vtu": "vtu", ".vtk": "vtk", ".msh": "gmsh", ".xdmf": "xdmf"}
+"""File endings and meshio's names of the formats that keep both orders, the regions and all fields."""
+
+_UNREADABLE = (OSError, ImportError, ValueError, LookupError, TypeError, AttributeError, AssertionError, SyntaxError)
+"""What meshio's readers raise on a damaged file; it also calls sys.exit."""
+
+
+def read_mesh(path: str | Path, *, scale: float = 1.0) -> TetMesh:
+    """The tetrahedra of a mesh file, in the accepted form (see `oriented`); cells of lower dimension are ignored.
+
+    scale: metres per unit of the file, 1e-3 for a file in millimetres. Raises MeshError when the file is missing,
+    unreadable, holds no tetrahedra or mixes linear and quadratic ones, and where `oriented` does.
+    """
+    raw = _raw(Path(path))
+    blocks = [(k, block) for k, block in enumerate(raw.cells) if block.type in _CELLS.values()]
+    kinds = {block.type for _, block in blocks}
+    if not kinds:
+        held = ", ".join(sorted({block.type for block in raw.cells})) or "no cells"
+        raise MeshError(f"{path} holds no tetrahedra, only {held}: export the volume mesh with tetrahedra")
+    if len(kinds) > 1:
+        raise MeshError(f"{path} mixes linear and quadratic tetrahedra: export one kind of them")
+    region = next((raw.cell_data[name] for name in _REGION_NAMES if name in raw.cell_data), None)
+    tets = np.concatenate([block.data for _, block in blocks])
+    numbers = None if region is None else np.concatenate([np.ravel(region[k]) for k, _ in blocks])
+    return oriented(tet_mesh(scale * np.asarray(raw.points, float), tets, region=numbers))
+
+
+def write_mesh(
+    path: str | Path,
+    mesh: TetMesh,
+    *,
+    point_data: dict[str, np.ndarray] | None = None,
+    cell_data: dict[str, np.ndarray] | None = None,
+) -> None:
+    """Write nodes in metres, tetrahedra and their "region" in the format that the file's ending names.
+
+    point_data: fields (n,) or (n, d) at the nodes; cell_data: fields (m,) or (m, d) in the tetrahedra; units as
+    given. Raises MeshError for an ending other than .vtu, .vtk, .msh, .xdmf, a field of the wrong length, or a folder
+    that does not exist.
+    """
+    import meshio
+
+    path = Path(path)
+    if path.suffix not in _WRITTEN:
+        raise MeshError(f"{path}: meshes are not written as '{path.suffix}': use {', '.join(_WRITTEN)}")
+    fields = {"region": mesh.region, **(cell_data or {})}
+    for data, count, place in ((point_data or {}, len(mesh.nodes), "nodes"), (fields, len(mesh.tets), "tets")):
+        for name, values in data.items():
+            if len(values) != count:
+                raise MeshError(f"the field '{name}' has {len(values)} values for {count} {place}: give one for each")
+    if path.suffix == ".msh":
+        fields = {**fields, "gmsh:physical": mesh.region, "gmsh:geometrical": mesh.region}
+    cells = [(_CELLS[mesh.order], mesh.tets)]
+    out = meshio.Mesh(
+        mesh.nodes, cells, point_data=point_data, cell_data={name: [values] for name, values in fields.items()}
+    )
+    try:
+        out.write(path, file_format=_WRITTEN[path.suffix])
+    except OSError as error:
+        raise MeshError(f"{path} cannot be written ({error.strerror}): choose another place") from error
+
+
+def _raw(path: Path):
+    """The file as meshio reads it; what meshio prints on the way becomes part of the error."""
+    import meshio
+
+    if not path.is_file():
+        raise MeshError(f"there is no file {path}: correct the path")
+    said = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):
+            return meshio.read(path)
+    except (meshio.ReadError, *_UNREADABLE, SystemExit) as error:
+        told = " ".join(said.getvalue().split()) or str(error) or type(error).__name__
+        raise MeshError(f"{path} cannot be read as a mesh ({told}): export it as VTU or Gmsh 4.1") from error
