@@ -1,8 +1,11 @@
-"""Tetrahedral meshes in files: everything that meshio reads and writes (VTK, VTU, Gmsh, XDMF, MED, Abaqus ...).
+"""Meshes and surfaces in files.
 
-XDMF and MED files go through h5py. The order of nodes in a quadratic tetrahedron is meshio's tetra10 (VTK's) whatever the file format. Material regions
-are taken from the cell data "region", else from a Gmsh file's physical groups, else from MED's "cell_tags";
-without any of them the whole body is region 0.
+Tetrahedra: everything that meshio reads (VTK, VTU, Gmsh, XDMF, MED, Abaqus ...). Surfaces: STL, OBJ, PLY,
+OFF, through trimesh.
+
+XDMF and MED files go through h5py. The order of nodes in a quadratic tetrahedron is meshio's tetra10 (VTK's)
+whatever the file format. Material regions are taken from the cell data "region", else from a Gmsh file's
+physical groups, else from MED's "cell_tags"; without any of them the whole body is region 0.
 """
 
 import contextlib
@@ -13,6 +16,7 @@ import numpy as np
 
 from softfuse.errors import MeshError
 from softfuse.mesh.orientation import oriented
+from softfuse.mesh.shell import Shell, checked
 from softfuse.mesh.tetmesh import TetMesh, tet_mesh
 
 _REGION_NAMES = ("region", "gmsh:physical", "cell_tags", "medit:ref")
@@ -20,15 +24,17 @@ _CELLS = {1: "tetra", 2: "tetra10"}
 _WRITTEN = {".vtu": "vtu", ".vtk": "vtk", ".msh": "gmsh", ".xdmf": "xdmf"}
 """File endings and meshio's names of the formats that keep both orders, the regions and all fields."""
 
-_UNREADABLE = (OSError, ImportError, ValueError, LookupError, TypeError, AttributeError, AssertionError, SyntaxError)
+_UNREADABLE = (
+    OSError, ImportError, ValueError, LookupError, TypeError, AttributeError, AssertionError, SyntaxError
+)
 """What meshio's readers raise on a damaged file; it also calls sys.exit."""
 
 
 def read_mesh(path: str | Path, *, scale: float = 1.0) -> TetMesh:
-    """The tetrahedra of a mesh file, in the accepted form (see `oriented`); cells of lower dimension are ignored.
+    """The tetrahedra of a mesh file, in the accepted form (see `oriented`); other cells are ignored.
 
-    scale: metres per unit of the file, 1e-3 for a file in millimetres. Raises MeshError when the file is missing,
-    unreadable, holds no tetrahedra or mixes linear and quadratic ones, and where `oriented` does.
+    scale: metres per unit of the file, 1e-3 for a file in millimetres. Raises MeshError when the file is
+    missing, unreadable, holds no tetrahedra or mixes linear and quadratic ones, and where `oriented` does.
     """
     raw = _raw(Path(path))
     blocks = [(k, block) for k, block in enumerate(raw.cells) if block.type in _CELLS.values()]
@@ -53,9 +59,9 @@ def write_mesh(
 ) -> None:
     """Write nodes in metres, tetrahedra and their "region" in the format that the file's ending names.
 
-    point_data: fields (n,) or (n, d) at the nodes; cell_data: fields (m,) or (m, d) in the tetrahedra; units as
-    given. Raises MeshError for an ending other than .vtu, .vtk, .msh, .xdmf, a field of the wrong length, or a folder
-    that does not exist.
+    point_data: fields (n,) or (n, d) at the nodes; cell_data: fields (m,) or (m, d) in the tetrahedra; units
+    as given. Raises MeshError for an ending other than .vtu, .vtk, .msh, .xdmf, a field of the wrong length,
+    or a folder that does not exist.
     """
     import meshio
 
@@ -63,20 +69,61 @@ def write_mesh(
     if path.suffix not in _WRITTEN:
         raise MeshError(f"{path}: meshes are not written as '{path.suffix}': use {', '.join(_WRITTEN)}")
     fields = {"region": mesh.region, **(cell_data or {})}
-    for data, count, place in ((point_data or {}, len(mesh.nodes), "nodes"), (fields, len(mesh.tets), "tets")):
-        for name, values in data.items():
-            if len(values) != count:
-                raise MeshError(f"the field '{name}' has {len(values)} values for {count} {place}: give one for each")
+    _check_fields(point_data or {}, len(mesh.nodes), "nodes")
+    _check_fields(fields, len(mesh.tets), "tets")
     if path.suffix == ".msh":
         fields = {**fields, "gmsh:physical": mesh.region, "gmsh:geometrical": mesh.region}
-    cells = [(_CELLS[mesh.order], mesh.tets)]
     out = meshio.Mesh(
-        mesh.nodes, cells, point_data=point_data, cell_data={name: [values] for name, values in fields.items()}
+        mesh.nodes,
+        [meshio.CellBlock(_CELLS[mesh.order], mesh.tets)],
+        point_data={**(point_data or {})},
+        cell_data={name: [values] for name, values in fields.items()},
     )
     try:
         out.write(path, file_format=_WRITTEN[path.suffix])
     except OSError as error:
         raise MeshError(f"{path} cannot be written ({error.strerror}): choose another place") from error
+
+
+def read_surface(path: str | Path, *, scale: float = 1.0) -> Shell:
+    """The closed surface in an STL, OBJ, PLY or OFF file, equal corners merged, normals out of the material.
+
+    scale: metres per unit of the file (STL has no unit; CAD programs mostly write millimetres, 1e-3). Raises
+    MeshError when the file is missing or unreadable, and where `softfuse.mesh.shell.checked` does.
+    """
+    import trimesh
+
+    path = Path(path)
+    if not path.is_file():
+        raise MeshError(f"there is no file {path}: correct the path")
+    try:
+        raw = trimesh.load_mesh(path, process=False)
+    except _UNREADABLE as error:
+        raise MeshError(f"{path} cannot be read as a surface ({error}): export it as binary STL") from error
+    nodes, faces = getattr(raw, "vertices", np.empty((0, 3))), getattr(raw, "faces", np.empty((0, 3)))
+    try:
+        return checked(scale * np.asarray(nodes, float), np.asarray(faces))
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from error
+
+
+def write_surface(path: str | Path, shell: Shell, *, scale: float = 1.0) -> None:
+    """Write a shell as STL, OBJ, PLY or OFF, by the file's ending.
+
+    scale: units of the file per metre, 1e3 for millimetres. Raises MeshError for another ending.
+    """
+    import trimesh
+
+    path = Path(path)
+    if path.suffix not in (".stl", ".obj", ".ply", ".off"):
+        raise MeshError(f"{path}: surfaces are not written as '{path.suffix}': use .stl, .obj, .ply or .off")
+    trimesh.Trimesh(scale * shell.nodes, shell.faces, process=False).export(path)
+
+
+def _check_fields(data: dict[str, np.ndarray], count: int, place: str) -> None:
+    for name, values in data.items():
+        if len(values) != count:
+            raise MeshError(f"the field '{name}' has {len(values)} values for {count} {place}: give one for each")
 
 
 def _raw(path: Path):

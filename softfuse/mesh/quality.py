@@ -1,8 +1,8 @@
 """How well shaped and how large the tetrahedra of a mesh are.
 
 Mean ratio of a tetrahedron: η = 12 (3 V)^(2/3) / Σ l², the sum over its six edges; 1 when regular, 0 when
-flat (A. Liu, B. Joe, BIT 34, 1994, DOI 10.1007/BF01955874). The dihedral angle at an edge is the inner angle between
-the two faces that meet there; 70.5° at every edge of a regular tetrahedron.
+flat (A. Liu, B. Joe, BIT 34, 1994, DOI 10.1007/BF01955874). The dihedral angle at an edge is the inner angle
+between the two faces that meet there; 70.5° at every edge of a regular tetrahedron.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,8 @@ class Spread:
 class MeshQuality:
     """Counts, sizes in m and m³, mean ratios (0 to 1) and dihedral angles in degrees of a mesh.
 
-    cavity_volumes (k,) m³ follow the order of `cavities` without centres; regions lists the region numbers in use.
+    cavity_volumes (k,) m³ follow the order of `cavities` without centres; regions lists the region numbers in
+    use.
     """
 
     n_nodes: int
@@ -47,7 +48,10 @@ class MeshQuality:
 
 
 def mesh_quality(mesh: TetMesh) -> MeshQuality:
-    """Measure a mesh in the accepted form; curved edges count as straight. MeshError when it is in several parts."""
+    """Measure a mesh in the accepted form; curved edges count as straight.
+
+    Raises MeshError when the mesh falls into several parts.
+    """
     size = volumes(mesh)
     return MeshQuality(
         n_nodes=len(mesh.nodes),
