@@ -1,0 +1,54 @@
+"""What a hyperelastic law is: W(F) = distortion(F) + λ/2 · dilatation(F)², per unit rest volume.
+
+F (3, 3) is the deformation gradient ∂x/∂X. The split serves nearly incompressible bodies: with an independent pressure p
+the volumetric term becomes p · dilatation(F) − p²/(2λ) (perturbed Lagrangian), which is exact for the same law, whatever λ.
+Sign: p > 0 is tension. Source: Bonet and Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, 2nd ed., ch. 6 and 8.
+"""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+class AbstractMaterial(eqx.Module):
+    """A strain-energy density; constants are array leaves, so that they can be fitted."""
+
+    lame: eqx.AbstractVar[Float[Array, ""]]
+
+    @abstractmethod
+    def distortion(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
+        """Energy density [J/m³] without the volumetric term, at the deformation gradient f (3, 3)."""
+
+    @abstractmethod
+    def dilatation(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
+        """The law's own measure of volume change [-], zero at rest, at the deformation gradient f (3, 3)."""
+
+    @abstractmethod
+    def shear_modulus(self) -> Float[Array, ""]:
+        """Shear modulus at rest [Pa]."""
+
+    def energy(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
+        """Energy density [J/m³] at the deformation gradient f (3, 3)."""
+        return self.distortion(f) + 0.5 * self.lame * self.dilatation(f) ** 2
+
+
+def lame_constants(young: float, poisson: float) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Lamé's λ and μ [Pa] of Young's modulus [Pa] and Poisson's ratio [-]."""
+    young, poisson = jnp.asarray(young, float), jnp.asarray(poisson, float)
+    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
+
+
+def first_invariant(f: Float[Array, "3 3"]) -> Float[Array, ""]:
+    """I₁ = tr FᵀF of the deformation gradient f (3, 3)."""
+    return jnp.sum(f * f)
+
+
+def jacobian(f: Float[Array, "3 3"]) -> Float[Array, ""]:
+    """J = det F, written out: its derivatives of any order stay polynomials."""
+    return (
+        f[0, 0] * (f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1])
+        - f[0, 1] * (f[1, 0] * f[2, 2] - f[1, 2] * f[2, 0])
+        + f[0, 2] * (f[1, 0] * f[2, 1] - f[1, 1] * f[2, 0])
+    )
