@@ -1,0 +1,174 @@
+"""Single-ended capacitive array: counts to signals, image and the weighted-mean location.
+
+    signal s = counts - baseline,   image I = s_col (x) s_row,   x = sum(x_k s_col,k) / sum(s_col,k), y alike,
+
+as in the paper (Navarro et al., RA-L 5(4), 2020). Signals are positive when something grounded comes near.
+The weighted mean pulls contacts at the border inwards; `peak_fit` does not.
+
+The baseline follows the counts of the untouched array with a time constant, is frozen while something
+touches, and creeps while something is near (a hovering hand must not become the baseline soon, a drifted
+electrode must not block the array for ever). A signal far below zero cannot be physical: the baseline was
+taken with something on the pad, and is taken anew.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+
+class CapacitiveArray(eqx.Module):
+    """Parameters of the array's electronics; all fields are leaves."""
+
+    noise_counts: Float[Array, ""]
+    """Standard deviation of one reading [counts]."""
+    lowest_counts: Float[Array, ""]
+    """Readings at or below belong to a dead channel [counts]."""
+    highest_counts: Float[Array, ""]
+    """Readings at or above belong to a dead channel [counts]."""
+    stuck_frames: Int[Array, ""]
+    """Number of equal readings in a row after which a channel counts as stuck."""
+    baseline_time_s: Float[Array, ""]
+    """Time constant of the baseline while nothing is near [s]."""
+    creep_time_s: Float[Array, ""]
+    """Time constant of the baseline while something is near [s]."""
+    recovery_time_s: Float[Array, ""]
+    """Time constant of the baseline while the signal is impossibly negative [s]."""
+    negative_sigma: Float[Array, ""]
+    """Signal below minus this many standard deviations is impossible."""
+
+
+class ArrayState(eqx.Module):
+    """Memory of the array, rows first."""
+
+    baseline_counts: Float[Array, " e"]
+    baseline_frames: Int[Array, " e"]
+    last_counts: Float[Array, " e"]
+    equal_frames: Int[Array, " e"]
+
+
+class ArrayReading(eqx.Module):
+    """Signals of one frame, rows first."""
+
+    signal_counts: Float[Array, " e"]
+    """(e,) counts above the baseline, 0 where invalid."""
+    valid: Bool[Array, " e"]
+    """(e,) the channel is present, in range, alive and has a baseline."""
+
+
+def capacitive_array(
+    *,
+    noise_counts: float = 8.0,
+    lowest_counts: float = 0.0,
+    highest_counts: float = 65535.0,
+    stuck_frames: int = 25,
+    baseline_time_s: float = 2.0,
+    creep_time_s: float = 60.0,
+    recovery_time_s: float = 0.2,
+    negative_sigma: float = 10.0,
+) -> CapacitiveArray:
+    """Parameters of the array; the options are the fields of CapacitiveArray.
+
+    With 8 counts of noise two readings are equal once in 28 frames, so 25 equal ones in a row are no chance.
+    """
+    return CapacitiveArray(
+        noise_counts=jnp.asarray(noise_counts),
+        lowest_counts=jnp.asarray(lowest_counts),
+        highest_counts=jnp.asarray(highest_counts),
+        stuck_frames=jnp.asarray(stuck_frames),
+        baseline_time_s=jnp.asarray(baseline_time_s),
+        creep_time_s=jnp.asarray(creep_time_s),
+        recovery_time_s=jnp.asarray(recovery_time_s),
+        negative_sigma=jnp.asarray(negative_sigma),
+    )
+
+
+def array_init(electrodes: int) -> ArrayState:
+    """State before the first frame: no electrode has a baseline."""
+    return ArrayState(
+        baseline_counts=jnp.zeros(electrodes),
+        baseline_frames=jnp.zeros(electrodes, int),
+        last_counts=jnp.full(electrodes, jnp.nan),
+        equal_frames=jnp.zeros(electrodes, int),
+    )
+
+
+def _alive(array: CapacitiveArray, counts: Float[Array, " e"], equal: Int[Array, " e"]) -> Bool[Array, " e"]:
+    in_range = (counts > array.lowest_counts) & (counts < array.highest_counts)
+    return jnp.isfinite(counts) & in_range & (equal < array.stuck_frames)
+
+
+def _equal_frames(state: ArrayState, counts: Float[Array, " e"]) -> Int[Array, " e"]:
+    return jnp.where(counts == state.last_counts, state.equal_frames + 1, 0)
+
+
+def array_signal(array: CapacitiveArray, state: ArrayState, counts: Float[Array, " e"]) -> ArrayReading:
+    """Signals above the baseline.
+
+    Args: counts (e,) readings, rows first, NaN where missing.
+    Returns: ArrayReading.
+    """
+    valid = _alive(array, counts, _equal_frames(state, counts)) & (state.baseline_frames > 0)
+    return ArrayReading(signal_counts=jnp.where(valid, counts - state.baseline_counts, 0.0), valid=valid)
+
+
+def track_baseline(
+    array: CapacitiveArray,
+    state: ArrayState,
+    dt_s: Float[Array, ""],
+    counts: Float[Array, " e"],
+    near: Bool[Array, ""],
+    touching: Bool[Array, ""],
+) -> ArrayState:
+    """Baseline after one frame.
+
+    Args: dt_s time since the last frame [s]; counts (e,) readings, NaN where missing; near, touching: the
+    decision on this frame.
+    The first frames are averaged equally until that average is as long as the time constant.
+    """
+    equal = _equal_frames(state, counts)
+    alive = _alive(array, counts, equal)
+    signal = jnp.where(alive, counts, state.baseline_counts) - state.baseline_counts
+    frames = state.baseline_frames
+    known = frames > 0
+    negative = known & (signal < -array.negative_sigma * array.noise_counts)
+    slow = jnp.where(near, array.creep_time_s, array.baseline_time_s)
+    time = jnp.where(negative, array.recovery_time_s, slow)
+    young = jnp.where(near | negative, 0.0, 1.0 / (frames + 1.0))
+    gain = jnp.maximum(1.0 - jnp.exp(-dt_s / time), young)
+    # An electrode that appears while something is near would take that something for its baseline.
+    active = alive & ~touching & (known | ~near)
+    last = jnp.where(jnp.isfinite(counts), counts, state.last_counts)
+    return ArrayState(
+        baseline_counts=state.baseline_counts + jnp.where(active, gain * signal, 0.0),
+        baseline_frames=frames + active,
+        last_counts=last,
+        equal_frames=equal,
+    )
+
+
+def electrode_image(row_signal: Float[Array, " r"], column_signal: Float[Array, " c"]) -> Float[Array, "c r"]:
+    """Image s_col (x) s_row: row_signal (r,), column_signal (c,) [counts]; image (c, r), first index along x
+    [counts^2].""" return jnp.outer(column_signal, row_signal)
+
+
+def weighted_mean_location(
+    row_y_m: Float[Array, " r"],
+    column_x_m: Float[Array, " c"],
+    signal: Float[Array, " e"],
+    valid: Bool[Array, " e"],
+) -> Float[Array, "2"]:
+    """The paper's location: signal-weighted mean of the electrodes' positions, rows and columns on their own.
+
+    Args: row_y_m (r,), column_x_m (c,) [m]; signal (r + c,) [counts], rows first, negative ones count as
+    zero; valid (r + c,).
+    Returns: location (2,) [m]; the middle of the array where there is no signal.
+    """
+    weight = jnp.where(valid, jnp.maximum(signal, 0.0), 0.0)
+    rows = row_y_m.shape[0]
+
+    def mean(position, w):
+        total = jnp.sum(w)
+        return jnp.where(total > 0, jnp.sum(w * position) / jnp.where(total > 0, total, 1.0),
+        jnp.mean(position))
+
+    return jnp.stack([mean(column_x_m, weight[rows:]), mean(row_y_m, weight[:rows])])

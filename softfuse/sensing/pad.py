@@ -1,0 +1,169 @@
+"""All sensors of the pad: one frame of volts and counts to volume changes, touch and location.
+
+Order of work: signals above the baseline -> touch decision (which also looks at the flow up to the last
+frame) -> flow to volume with the zero tracked or frozen by that decision -> location by the peak fit while
+something is near -> baseline for the next frame. Causal and pure: `pad_sensor_update` runs live, and in a
+`jax.lax.scan` over a recording. Sign: a squeezed cavity has a negative volume change. Electrodes are ordered
+rows first, then columns.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from softfuse.sensing.capacitive import (
+    ArrayState,
+    CapacitiveArray,
+    array_init,
+    array_signal,
+    electrode_image,
+    track_baseline,
+)
+from softfuse.sensing.flow import FlowSensor, FlowState, flow_evidence, flow_init, flow_update
+from softfuse.sensing.peak_fit import PeakModel, fit_peak
+from softfuse.sensing.touch import TouchDetector, TouchState, touch_init, touch_strength, touch_update
+
+
+class PadSensors(eqx.Module):
+    """Parameters of the flow sensors, the array, the peak model and the touch decision."""
+
+    flow: FlowSensor
+    array: CapacitiveArray
+    peak: PeakModel
+    touch: TouchDetector
+
+
+class PadSensorState(eqx.Module):
+    """Memory between frames."""
+
+    time_s: Float[Array, ""]
+    flow: FlowState
+    array: ArrayState
+    touch: TouchState
+
+
+class PadMeasurement(eqx.Module):
+    """What the sensors say about one frame."""
+
+    time_s: Float[Array, ""]
+    """Time of the frame, that of the last good one where it is missing or runs backwards [s]."""
+    time_valid: Bool[Array, ""]
+    """The frame's time is later than the last one's."""
+    volume_change_m3: Float[Array, " k"]
+    """(k,) volume change of the cavities since the last reset [m^3]."""
+    volume_sigma_m3: Float[Array, " k"]
+    """(k,) its standard deviation [m^3]."""
+    volume_valid: Bool[Array, " k"]
+    """(k,) no flow was lost since the reset."""
+    flow_saturated: Bool[Array, " k"]
+    """(k,) the flow sensor was clipped since the reset."""
+    flow_missing: Bool[Array, " k"]
+    """(k,) no reading in this frame."""
+    flow_m3_s: Float[Array, " k"]
+    """(k,) flow out of the cavities [m^3/s]."""
+    near: Bool[Array, ""]
+    """Something is near or touches."""
+    touching: Bool[Array, ""]
+    """Something touches."""
+    location_m: Float[Array, "2"]
+    """(2,) x, y of the contact [m]; the array's middle while nothing is near."""
+    location_covariance_m2: Float[Array, "2 2"]
+    """(2, 2) its covariance [m^2]; as wide as the array while nothing is near."""
+    location_valid: Bool[Array, ""]
+    """The fit ended on the array (half a pitch beyond the outermost lines at most) with a covariance to
+    believe.""" location_residual_counts: Float[Array, ""]
+    """Root mean square residual of the peak fit [counts]; 0 while nothing is near."""
+    signal_counts: Float[Array, " e"]
+    """(r + c,) counts above the baseline, rows first."""
+    electrode_valid: Bool[Array, " e"]
+    """(r + c,) electrodes that took part."""
+    image: Float[Array, "c r"]
+    """(c, r) image s_col (x) s_row, first index along x [counts^2]."""
+
+
+def pad_sensor_init(sensors: PadSensors) -> PadSensorState:
+    """State before the first frame; the pad is taken to be untouched."""
+    electrodes = sensors.peak.row_y_m.shape[0] + sensors.peak.column_x_m.shape[0]
+    return PadSensorState(
+        time_s=jnp.asarray(-jnp.inf),
+        flow=flow_init(sensors.flow),
+        array=array_init(electrodes),
+        touch=touch_init(),
+    )
+
+
+def pad_sensor_update(
+    sensors: PadSensors,
+    state: PadSensorState,
+    time_s: Float[Array, ""],
+    flow_V: Float[Array, " k"],
+    row_counts: Float[Array, " r"],
+    column_counts: Float[Array, " c"],
+) -> tuple[PadSensorState, PadMeasurement]:
+    """One frame.
+
+    Args: time_s [s]; flow_V (k,) [V]; row_counts (r,), column_counts (c,) [counts]; NaN where missing.
+    Returns: the new state and the PadMeasurement.
+    """
+    started = jnp.isfinite(state.time_s)
+    time_valid = jnp.isfinite(time_s) & (time_s > state.time_s)
+    now = jnp.where(time_valid, time_s, state.time_s)
+    dt = jnp.where(started & time_valid, now - jnp.where(started, state.time_s, now), 0.0)
+
+    counts = jnp.concatenate([row_counts, column_counts])
+    reading = array_signal(sensors.array, state.array, counts)
+    rows = row_counts.shape[0]
+    row_signal, column_signal = reading.signal_counts[:rows], reading.signal_counts[rows:]
+    touch = touch_update(
+        sensors.touch,
+        state.touch,
+        touch_strength(row_signal, column_signal),
+        flow_evidence(sensors.flow, state.flow),
+    )
+    flow_state, flow = flow_update(sensors.flow, state.flow, dt, flow_V, touch.touching)
+    location, covariance, residual, located = _locate(
+        sensors.peak, reading.signal_counts, reading.valid, touch.near
+    )
+    array = track_baseline(sensors.array, state.array, dt, counts, touch.near, touch.touching)
+    return PadSensorState(time_s=now, flow=flow_state, array=array, touch=touch), PadMeasurement(
+        time_s=now,
+        time_valid=time_valid,
+        volume_change_m3=flow.volume_change_m3,
+        volume_sigma_m3=flow.volume_sigma_m3,
+        volume_valid=flow.volume_valid,
+        flow_saturated=flow.saturated,
+        flow_missing=flow.missing,
+        flow_m3_s=flow.flow_m3_s,
+        near=touch.near,
+        touching=touch.touching,
+        location_m=location,
+        location_covariance_m2=covariance,
+        location_valid=located,
+        location_residual_counts=residual,
+        signal_counts=reading.signal_counts,
+        electrode_valid=reading.valid,
+        image=electrode_image(row_signal, column_signal),
+    )
+
+
+def _locate(peak: PeakModel, signal: Float[Array, " e"], valid: Bool[Array, " e"], near: Bool[Array, ""]):
+    """Location, covariance, residual and whether to believe them; the fit is not run while nothing is
+    near.""" low = jnp.stack([peak.column_x_m[0], peak.row_y_m[0]])
+    high = jnp.stack([peak.column_x_m[-1], peak.row_y_m[-1]])
+    lines = jnp.asarray([peak.column_x_m.shape[0], peak.row_y_m.shape[0]])
+    half_pitch = 0.5 * (high - low) / (lines - 1)
+    middle = 0.5 * (low + high)
+    unknown = jnp.diag((high - low) ** 2 / 12.0)
+
+    def fitted():
+        fit = fit_peak(peak, signal, valid)
+        inside = jnp.all((fit.location_m > low - half_pitch) & (fit.location_m < high + half_pitch))
+        certain = jnp.all(jnp.diagonal(fit.covariance_m2) < half_pitch**2)
+        finite = jnp.all(jnp.isfinite(fit.location_m))
+        return fit.location_m, fit.covariance_m2, fit.residual_counts, inside & certain & finite
+
+    def absent():
+        return middle, unknown, jnp.zeros_like(middle[0]), jnp.asarray(False)
+
+    return jax.lax.cond(near, fitted, absent)

@@ -1,0 +1,126 @@
+"""Touch decision from the capacitive signals, with hysteresis and debouncing; tells proximity from contact.
+
+The strength m = max(row signals) + max(column signals) [counts] hardly depends on where the pad is touched.
+
+* near: m above `near_on_sigma` (below `near_off_sigma`: no longer) standard deviations of the noise.
+* touching: m above `contact_on_counts` for `on_frames` frames; or near while gas moves, for
+  `on_frames` frames: something too small or too weakly grounded to reach that level, which nevertheless
+  squeezes.
+* released: m below `release_fraction` of the largest m of this touch for `off_frames` frames. A fraction,
+  since the level in contact depends on the size of what touches; the signal falls by half within a third of a
+  millimetre of air.
+* touching again before it has gone away: m above `return_fraction` of the largest m as well.
+
+A false early touch costs a little zero tracking; a late one costs nothing up to the lag of the zero filter
+(flow).
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+
+class TouchDetector(eqx.Module):
+    """Thresholds; all fields are leaves."""
+
+    noise_counts: Float[Array, ""]
+    """Standard deviation of one electrode's reading [counts]."""
+    near_on_sigma: Float[Array, ""]
+    """Strength at which something is near [standard deviations of one reading]."""
+    near_off_sigma: Float[Array, ""]
+    """Strength at which it is no longer near [standard deviations]."""
+    contact_on_counts: Float[Array, ""]
+    """Strength that only contact reaches [counts]."""
+    flow_sigma: Float[Array, ""]
+    """Deviation of the flow from zero that means contact while something is near [standard deviations]."""
+    release_fraction: Float[Array, ""]
+    """Fraction of the touch's largest strength at which it ends."""
+    return_fraction: Float[Array, ""]
+    """Fraction of that strength at which a touch begins again while the thing has stayed near."""
+    on_frames: Int[Array, ""]
+    """Number of frames in a row that begin a touch."""
+    off_frames: Int[Array, ""]
+    """Number of frames in a row that end a touch."""
+
+
+class TouchState(eqx.Module):
+    """Memory of the decision."""
+
+    near: Bool[Array, ""]
+    touching: Bool[Array, ""]
+    frames: Int[Array, ""]
+    largest_counts: Float[Array, ""]
+
+
+def touch_detector(
+    *,
+    noise_counts: float = 8.0,
+    near_on_sigma: float = 8.0,
+    near_off_sigma: float = 6.0,
+    contact_on_counts: float = 3000.0,
+    flow_sigma: float = 8.0,
+    release_fraction: float = 0.6,
+    return_fraction: float = 0.7,
+    on_frames: int = 3,
+    off_frames: int = 3,
+) -> TouchDetector:
+    """Thresholds; the options are the fields of TouchDetector.
+
+    The largest of 8 + 8 noises adds up to 2.8 standard deviations on average and exceeds 8 once in 10^6
+    frames. contact_on_counts is about 40 % of what the paper's 20 mm indenter gives on electrodes at 1.0 and
+    1.5 mm depth.
+    """
+    return TouchDetector(
+        noise_counts=jnp.asarray(noise_counts),
+        near_on_sigma=jnp.asarray(near_on_sigma),
+        near_off_sigma=jnp.asarray(near_off_sigma),
+        contact_on_counts=jnp.asarray(contact_on_counts),
+        flow_sigma=jnp.asarray(flow_sigma),
+        release_fraction=jnp.asarray(release_fraction),
+        return_fraction=jnp.asarray(return_fraction),
+        on_frames=jnp.asarray(on_frames),
+        off_frames=jnp.asarray(off_frames),
+    )
+
+
+def touch_init() -> TouchState:
+    """State before the first frame: nothing near."""
+    no = jnp.asarray(False)
+    return TouchState(near=no, touching=no, frames=jnp.asarray(0), largest_counts=jnp.asarray(0.0))
+
+
+def touch_strength(row_signal: Float[Array, " r"], column_signal: Float[Array, " c"]) -> Float[Array, ""]:
+    """Strength m: row_signal (r,), column_signal (c,) [counts], invalid ones 0; returns m >= 0 [counts]."""
+    return jnp.maximum(jnp.max(row_signal), 0.0) + jnp.maximum(jnp.max(column_signal), 0.0)
+
+
+def touch_update(
+    detector: TouchDetector,
+    state: TouchState,
+    strength_counts: Float[Array, ""],
+    flow_deviation: Float[Array, ""],
+) -> TouchState:
+    """One frame.
+
+    Args: strength_counts from touch_strength [counts]; flow_deviation: largest deviation of a channel's
+    recent flow from zero [standard deviations], 0 without flow sensors.
+    """
+    sigma = strength_counts / detector.noise_counts
+    near = jnp.where(state.near, sigma > detector.near_off_sigma, sigma > detector.near_on_sigma)
+    squeezed = near & (flow_deviation > detector.flow_sigma)
+    contact = jnp.maximum(detector.contact_on_counts, detector.return_fraction * state.largest_counts)
+    begins = (strength_counts > contact) | squeezed
+    ends = strength_counts < detector.release_fraction * state.largest_counts
+    frames = jnp.where(jnp.where(state.touching, ends, begins), state.frames + 1, 0)
+    flip = frames >= jnp.where(state.touching, detector.off_frames, detector.on_frames)
+    touching = state.touching ^ flip
+    near = near | touching
+    # A spike must not raise the level at which the touch ends: the level rises by at most a tenth a frame.
+    risen = jnp.clip(strength_counts, state.largest_counts, 1.1 * state.largest_counts)
+    largest = jnp.where(flip & touching, strength_counts, jnp.where(touching, risen, state.largest_counts))
+    return TouchState(
+        near=near,
+        touching=touching,
+        frames=jnp.where(flip, 0, frames),
+        largest_counts=jnp.where(near, largest, 0.0),
+    )
