@@ -33,8 +33,8 @@ class Recording:
     time_s: Float[np.ndarray, " n"]
     """(n,) time [s], NaN where it could not be read."""
     columns: dict[str, Float[np.ndarray, " n"]]
-    """Every column of the file, `time_s` included, by name; (n,) each, NaN where a field could not be
-    read.""" line: Int[np.ndarray, " n"]
+    """Every column of the file, `time_s` included, by name; (n,) each, NaN where a field cannot be read."""
+    line: Int[np.ndarray, " n"]
     """(n,) line number in the file, from 1 for the header."""
     malformed: Bool[np.ndarray, " n"]
     """(n,) rows with fields that could not be read, too few or too many fields."""
@@ -80,8 +80,9 @@ def read_recording(path: str | Path, required: Sequence[str]) -> Recording:
     line = np.array([number for number, _ in rows[1:]], dtype=int)
     if malformed.any():
         first = ", ".join(str(number) for number in line[malformed][:5])
-        logger.warning("%s: %d rows have fields that cannot be read (lines %s ...)", path, malformed.sum(),
-        first)
+        logger.warning(
+            "%s: %d rows have fields that cannot be read (lines %s ...)", path, malformed.sum(), first
+        )
     return Recording(
         path=path,
         time_s=time,

@@ -147,8 +147,8 @@ def track_baseline(
 
 
 def electrode_image(row_signal: Float[Array, " r"], column_signal: Float[Array, " c"]) -> Float[Array, "c r"]:
-    """Image s_col (x) s_row: row_signal (r,), column_signal (c,) [counts]; image (c, r), first index along x
-    [counts^2].""" return jnp.outer(column_signal, row_signal)
+    """Image s_col (x) s_row: row_signal (r,), column_signal (c,) [counts]; (c, r), first index along x."""
+    return jnp.outer(column_signal, row_signal)
 
 
 def weighted_mean_location(
@@ -168,7 +168,8 @@ def weighted_mean_location(
 
     def mean(position, w):
         total = jnp.sum(w)
-        return jnp.where(total > 0, jnp.sum(w * position) / jnp.where(total > 0, total, 1.0),
-        jnp.mean(position))
+        return jnp.where(
+            total > 0, jnp.sum(w * position) / jnp.where(total > 0, total, 1.0), jnp.mean(position)
+        )
 
     return jnp.stack([mean(column_x_m, weight[rows:]), mean(row_y_m, weight[:rows])])

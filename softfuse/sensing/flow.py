@@ -47,8 +47,8 @@ class FlowSensor(eqx.Module):
     hold_off_s: Float[Array, ""]
     """Time after a release in which the zero is not tracked [s]; at least the time of `lag` frames."""
     gate_sigma: Float[Array, ""]
-    """Largest deviation of the lag's mean from the predicted zero that counts as quiet [standard
-    deviations].""" relearn_s: Float[Array, ""]
+    """Largest deviation of the lag's mean from the predicted zero that is quiet [standard deviations]."""
+    relearn_s: Float[Array, ""]
     """Time without touch and without quiet after which the zero is learnt anew [s]."""
     longest_gap_s: Float[Array, ""]
     """Longest time between two readings that is bridged by the trapezoidal rule [s]."""
@@ -192,8 +192,9 @@ def flow_evidence(sensor: FlowSensor, state: FlowState) -> Float[Array, ""]:
     return jnp.where(counts, outflow, 0.0)
 
 
-def _push(sensor: FlowSensor, state: FlowState, dt_s: Float[Array, ""], flow_V: Float[Array, " k"]) ->
-FlowState:
+def _push(
+    sensor: FlowSensor, state: FlowState, dt_s: Float[Array, ""], flow_V: Float[Array, " k"]
+) -> FlowState:
     """Append a frame to the lag and drop the oldest, which the caller has taken."""
     present = jnp.isfinite(flow_V)
     reading = jnp.where(present, flow_V, state.last_V)
@@ -230,8 +231,9 @@ FlowState:
     )  # fmt: skip
 
 
-def _advance(sensor: FlowSensor, state: FlowState, dt_s: Float[Array, ""], touching: Bool[Array, ""]) ->
-FlowState:
+def _advance(
+    sensor: FlowSensor, state: FlowState, dt_s: Float[Array, ""], touching: Bool[Array, ""]
+) -> FlowState:
     """Move zero and integral over the oldest frame of the lag: track or integrate."""
     released = jnp.where(touching, 0.0, state.released_s + dt_s)
     open_ = ~touching & (released > sensor.hold_off_s)

@@ -71,8 +71,8 @@ class PadMeasurement(eqx.Module):
     location_covariance_m2: Float[Array, "2 2"]
     """(2, 2) its covariance [m^2]; as wide as the array while nothing is near."""
     location_valid: Bool[Array, ""]
-    """The fit ended on the array (half a pitch beyond the outermost lines at most) with a covariance to
-    believe.""" location_residual_counts: Float[Array, ""]
+    """The fit ended on the array (at most half a pitch beyond the outermost lines) and is certain enough."""
+    location_residual_counts: Float[Array, ""]
     """Root mean square residual of the peak fit [counts]; 0 while nothing is near."""
     signal_counts: Float[Array, " e"]
     """(r + c,) counts above the baseline, rows first."""
@@ -148,8 +148,8 @@ def pad_sensor_update(
 
 
 def _locate(peak: PeakModel, signal: Float[Array, " e"], valid: Bool[Array, " e"], near: Bool[Array, ""]):
-    """Location, covariance, residual and whether to believe them; the fit is not run while nothing is
-    near.""" low = jnp.stack([peak.column_x_m[0], peak.row_y_m[0]])
+    """Location, covariance, residual and whether to believe them; no fit is run while nothing is near."""
+    low = jnp.stack([peak.column_x_m[0], peak.row_y_m[0]])
     high = jnp.stack([peak.column_x_m[-1], peak.row_y_m[-1]])
     lines = jnp.asarray([peak.column_x_m.shape[0], peak.row_y_m.shape[0]])
     half_pitch = 0.5 * (high - low) / (lines - 1)

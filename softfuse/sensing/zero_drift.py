@@ -1,7 +1,7 @@
 """Kalman filter for the zero of an integrated sensor: a constant bias plus a Gauss-Markov wander.
 
-    z = b + w,   db = sqrt(q_b) dW,   dw = -w/tau dt + sigma_w sqrt(2/tau) dW',   reading = z + signal + white
-    noise.
+    z = b + w,   db = sqrt(q_b) dW,   dw = -w/tau dt + sigma_w sqrt(2/tau) dW',
+    reading = z + signal + white noise.
 
 While the signal is known to be zero, the reading observes z. While it is not, the reading minus the predicted
 z is integrated, and the error e of that integral obeys de = (z - z_predicted) dt + white noise dt, so that
