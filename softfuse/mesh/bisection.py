@@ -21,10 +21,14 @@ from jaxtyping import Float, Int
 
 from softfuse.mesh.tetmesh import EDGES
 
-_ENDS = np.array([[[0, 0, 0, 0], [0, 0, 0, 0]],
-                  [[0, 4, 2, 3], [1, 4, 2, 3]],
-                  [[0, 1, 4, 3], [1, 2, 4, 3]],
-                  [[0, 1, 2, 4], [1, 2, 3, 4]]])
+_ENDS = np.array(
+    [
+        [[0, 0, 0, 0], [0, 0, 0, 0]],
+        [[0, 4, 2, 3], [1, 4, 2, 3]],
+        [[0, 1, 4, 3], [1, 2, 4, 3]],
+        [[0, 1, 2, 4], [1, 2, 3, 4]],
+    ]
+)
 """Nodes of both children of a tetrahedron with tag k among (x₀, x₁, x₂, x₃, z)."""
 
 

@@ -25,7 +25,15 @@ _WRITTEN = {".vtu": "vtu", ".vtk": "vtk", ".msh": "gmsh", ".xdmf": "xdmf"}
 """File endings and meshio's names of the formats that keep both orders, the regions and all fields."""
 
 _UNREADABLE = (
-    OSError, ImportError, ValueError, LookupError, TypeError, AttributeError, AssertionError, SyntaxError
+    OSError,
+    RuntimeError,
+    ImportError,
+    ValueError,
+    LookupError,
+    TypeError,
+    AttributeError,
+    AssertionError,
+    SyntaxError,
 )
 """What meshio's readers raise on a damaged file; it also calls sys.exit."""
 
@@ -123,7 +131,7 @@ def write_surface(path: str | Path, shell: Shell, *, scale: float = 1.0) -> None
 def _check_fields(data: dict[str, np.ndarray], count: int, place: str) -> None:
     for name, values in data.items():
         if len(values) != count:
-            raise MeshError(f"the field '{name}' has {len(values)} values for {count} {place}: give one for each")
+            raise MeshError(f"the field '{name}' has {len(values)} values for {count} {place}: give one each")
 
 
 def _raw(path: Path):

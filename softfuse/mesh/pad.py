@@ -108,8 +108,8 @@ def _planes(geometry: PadGeometry, axis: int, base_size: float) -> tuple[Float[n
     if gaps.min() < _THIN * base_size:
         at = int(np.argmin(gaps))
         raise MeshError(
-            f"planes of the pad's cavities lie {1e3 * gaps[at]:.3g} mm apart at {'xyz'[axis]} = {1e3 * fixed[at]:.4g} "
-            "mm: align the cavities, mesh, then shift them with `moved_cavities`"
+            f"planes of the pad's cavities lie {1e3 * gaps[at]:.3g} mm apart at {'xyz'[axis]} = "
+            f"{1e3 * fixed[at]:.4g} mm: align the cavities, mesh, then shift them with `moved_cavities`"
         )
     pieces = [
         np.linspace(a, b, int(np.ceil((b - a) / base_size * (1.0 - _SAME))), endpoint=False)

@@ -44,7 +44,7 @@ def checked(nodes: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> S
         volume = enclosed_volume(nodes, faces[part])
         extent = np.ptp(nodes[faces[part]].reshape(-1, 3), axis=0).max()
         if abs(volume) < 1e-9 * extent**3:
-            raise MeshError(f"part {k} of the surface at {nodes[faces[part][0, 0]]} m encloses no volume: remove it")
+            raise MeshError(f"part {k} of the surface at {nodes[faces[part][0, 0]]} m is flat: remove it")
         inside = nodes[faces[part][:1, 0]]
         others = [p for j, p in enumerate(parts) if j != k]
         depth = sum(abs(winding_number(inside, nodes, faces[p])[0]) > 0.5 for p in others)

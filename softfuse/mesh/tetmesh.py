@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 """Local corner pairs of the six edges, in the order of the mid-edge nodes."""
@@ -48,7 +49,7 @@ class TetMesh:
         return self.tets[:, :4]
 
 
-def tet_mesh(nodes: np.ndarray, tets: np.ndarray, *, region: np.ndarray | None = None) -> TetMesh:
+def tet_mesh(nodes: ArrayLike, tets: ArrayLike, *, region: ArrayLike | None = None) -> TetMesh:
     """A mesh from any arrays of numbers: nodes (n, 3) m, tets (m, 4) or (m, 10), region (m,) or all 0."""
     tets = np.ascontiguousarray(tets, dtype=np.int32)
     region = np.ascontiguousarray(np.zeros(len(tets)) if region is None else region, dtype=np.int32)

@@ -9,6 +9,8 @@ Source: Y. Hu, T. Schneider, B. Wang, D. Zorin, D. Panozzo, "Fast tetrahedral me
 Graph. 39(4), 2020, DOI 10.1145/3386569.3392385.
 """
 
+import contextlib
+import tempfile
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,7 +26,7 @@ from softfuse.mesh.tetmesh import TetMesh, tet_mesh, volumes
 def tetrahedralise(
     shell: Shell, edge_length: float, *, inserts: Sequence[Shell] = (), envelope: float = 1e-3
 ) -> TetMesh:
-    """Linear tetrahedra of the body inside a shell, with edges of about edge_length m, in the accepted form.
+    """Linear tetrahedra of the body inside a shell, with edges of edge_length m or less.
 
     inserts: shells inside the material; the tetrahedra in inserts[k] get the region k + 1, all others 0 (the
     last one wins where inserts overlap). envelope: how far the mesh's surface may be from the shell, over the
@@ -42,14 +44,16 @@ def tetrahedralise(
     outlines = [shell, *inserts]
     starts = np.cumsum([0, *(len(part.nodes) for part in outlines[:-1])])
     faces = [part.faces + start for part, start in zip(outlines, starts, strict=True)]
-    nodes, tets = tetrahedralize(
-        np.vstack([part.nodes for part in outlines]),
-        np.vstack(faces).astype(np.int32),
-        edge_length_abs=edge_length,
-        epsilon=envelope,
-        vtk_ordering=True,
-        quiet=True,
-    )
+    # fTetWild leaves a file __tracked_surface.stl in the working directory.
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        nodes, tets = tetrahedralize(
+            np.vstack([part.nodes for part in outlines]),
+            np.vstack(faces).astype(np.int32),
+            edge_length_abs=edge_length,
+            epsilon=envelope,
+            vtk_ordering=True,
+            quiet=True,
+        )
     mesh = oriented(tet_mesh(nodes, tets))
     _check_filled(mesh, shell, envelope * diagonal)
     return tet_mesh(mesh.nodes, mesh.tets, region=insert_regions(mesh, inserts))

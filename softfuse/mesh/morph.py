@@ -1,0 +1,58 @@
+"""Cavities shifted inside a body, the mesh following smoothly.
+
+Each component of the nodes' displacement d is harmonic, ∇²d = 0, with d = 0 on the skin of the body and d
+equal to a cavity's shift on its wall, solved with linear elements: Σ V ∇N_a · ∇N_b d_b = 0. The topology
+stays, hence so do the numbers of nodes and tetrahedra, and quantities before and after can be compared one by
+one.
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import spsolve
+
+from softfuse.errors import MeshError
+from softfuse.mesh.orientation import check
+from softfuse.mesh.surface import cavities, outer_surface
+from softfuse.mesh.tetmesh import TetMesh, linear, quadratic, tet_mesh, volumes
+
+
+def moved_cavities(
+    mesh: TetMesh, shifts: Float[np.ndarray, "k 3"], *, centres: Float[np.ndarray, "k 3"] | None = None
+) -> TetMesh:
+    """The mesh with cavity k shifted by shifts[k] (k, 3) m and the skin in place; its edges are straight.
+
+    centres (k, 3) m tell which cavity is which, see `cavities`. Raises MeshError when a shift turns a
+    tetrahedron over or the number of shifts is not that of the cavities.
+    """
+    corners = linear(mesh)
+    walls = cavities(corners, centres)
+    if len(walls) != len(shifts):
+        raise MeshError(f"{len(shifts)} shifts are given for {len(walls)} cavities: give one for each")
+    displacement = np.zeros_like(corners.nodes)
+    held = np.zeros(len(corners.nodes), bool)
+    held[outer_surface(corners).faces] = True
+    for wall, shift in zip(walls, shifts, strict=True):
+        displacement[wall.faces] = shift
+        held[wall.faces] = True
+    stiffness = _laplacian(corners)
+    if not held.all():
+        load = -(stiffness[~held][:, held] @ displacement[held])
+        displacement[~held] = spsolve(stiffness[~held][:, ~held].tocsc(), load).reshape(-1, 3)
+    moved = tet_mesh(corners.nodes + displacement, corners.tets, region=mesh.region)
+    try:
+        check(moved)
+    except MeshError as error:
+        raise MeshError(f"the cavities are shifted too far ({error}): mesh the new layout") from error
+    return moved if mesh.order == 1 else quadratic(moved)
+
+
+def _laplacian(mesh: TetMesh) -> csr_array:
+    """Matrix (n, n) in m of the Dirichlet energy with linear elements."""
+    corners = mesh.nodes[mesh.tets]
+    inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1])
+    slopes = np.concatenate([-inverse.sum(axis=2, keepdims=True), inverse], axis=2)
+    blocks = np.einsum("m,mia,mib->mab", volumes(mesh), slopes, slopes)
+    rows, columns = np.repeat(mesh.tets, 4, axis=1), np.tile(mesh.tets, (1, 4))
+    count = len(mesh.nodes)
+    return csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(count, count))
