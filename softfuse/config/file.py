@@ -1,0 +1,115 @@
+"""Configuration files: TOML in, validated settings out, and edited copies with comments and units kept."""
+
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+import tomlkit.exceptions
+from pydantic import ValidationError
+
+from softfuse.config.device import DeviceConfig
+from softfuse.config.problems import key_path, problem_lines
+from softfuse.errors import ConfigError
+
+Edits = Mapping[tuple[str | int, ...], str | float | list[str]]
+"""New values by key path: {("body", "material", 0, "young"): "0.55 MPa"}."""
+
+
+def load(path: str | Path) -> DeviceConfig:
+    """The configuration in a TOML file, all quantities in SI.
+
+    Raises ConfigError, one line for each mistake with the file and the key's path, when the file is missing
+    or no TOML, a key is missing or unknown, a value has the wrong unit or is impossible, or a file that it
+    names does not exist.
+    """
+    return parse(_text(Path(path)), Path(path))
+
+
+def parse(text: str, path: Path) -> DeviceConfig:
+    """The configuration in a TOML text; relative files start in the folder of path, which messages name.
+
+    Raises ConfigError as `load` does.
+    """
+    try:
+        raw = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{path}: not valid TOML: {error}") from error
+    try:
+        return DeviceConfig.model_validate(raw, context={"folder": path.parent, "path": path})
+    except ValidationError as error:
+        lines = problem_lines(error, raw, DeviceConfig)
+        raise ConfigError("\n".join(f"{path}: {line}" for line in lines)) from error
+
+
+def save_edited(source: str | Path, target: str | Path, edits: Edits) -> DeviceConfig:
+    """Write a copy of a configuration with some values changed, comments and layout kept, and return it.
+
+    Relative files are rewritten to be found from the target's folder. Raises ConfigError when an edited key
+    is not in the source, the result is not valid (nothing is written then), or the target cannot be written.
+    """
+    source, target = Path(source), Path(target)
+    load(source)
+    document = tomlkit.parse(_text(source))
+    for place, value in edits.items():
+        _set(document, place, value, source)
+    _move_files(document, source.parent, target.parent)
+    text = tomlkit.dumps(document)
+    config = parse(text, target)
+    try:
+        target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{target} cannot be written: {error.strerror}") from error
+    return config
+
+
+def stiffness_edits(config: DeviceConfig, factor: float) -> Edits:
+    """Edits that multiply all moduli of all materials by a factor, which a fit of one scalar finds."""
+    edits: dict[tuple[str | int, ...], str | list[str]] = {}
+    for k, material in enumerate(config.body.materials):
+        for key in material.stiffness_keys:
+            value = getattr(material, key)
+            if isinstance(value, tuple):
+                edits["body", "material", k, key] = [_megapascal(factor * v) for v in value]
+            elif value is not None:
+                edits["body", "material", k, key] = _megapascal(factor * value)
+    return edits
+
+
+def _megapascal(pressure: float) -> str:
+    return f"{1e-6 * pressure:.6g} MPa"
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_bytes().decode("utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not valid TOML: it is not UTF-8 text") from error
+
+
+def _set(document: Any, place: tuple[str | int, ...], value: object, source: Path) -> None:
+    table = document
+    try:
+        for part in place[:-1]:
+            table = table[part]
+        table[place[-1]]
+    except (tomlkit.exceptions.NonExistentKey, IndexError, TypeError) as error:
+        raise ConfigError(f"{source}: {key_path(place)}: there is no such key to change") from error
+    table[place[-1]] = value
+
+
+def _move_files(document: Any, old: Path, new: Path) -> None:
+    source = document["body"]["source"]
+    if "file" in source:
+        source["file"] = _moved(source["file"], old, new)
+    if "inserts" in source:
+        source["inserts"] = [_moved(name, old, new) for name in source["inserts"]]
+
+
+def _moved(name: str, old: Path, new: Path) -> str:
+    path = Path(name).expanduser()
+    return name if path.is_absolute() else Path(os.path.relpath(old / path, new)).as_posix()

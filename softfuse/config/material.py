@@ -1,0 +1,170 @@
+"""Materials: `law` names the strain energy of softfuse/material, the other keys are its constants.
+
+Laws of one modulus take Young's modulus E and Poisson's ratio ν. The others take their own constants, which
+give the shear modulus μ, and for the volume either ν, λ = 2 μ ν / (1 − 2 ν), or the bulk modulus K, λ = K − 2
+μ / 3.
+"""
+
+from abc import abstractmethod
+from typing import Annotated, ClassVar, Literal, Self
+
+from annotated_types import Ge, MinLen
+from pydantic import AfterValidator, Field, model_validator
+
+from softfuse.config.quantity import Density, Number, PositivePressure, Pressure, wrong_value
+from softfuse.config.settings import Settings
+
+
+def _physical(poisson: float) -> float:
+    if not -1.0 < poisson < 0.5:
+        raise wrong_value(
+            f"{poisson} must lie between -1 and 0.5, both excluded; silicone rubber has 0.49 to 0.499"
+        )
+    return poisson
+
+
+PoissonRatio = Annotated[Number, AfterValidator(_physical)]
+
+
+class MaterialSettings(Settings):
+    """Keys that every law has: density in kg/m³, 0 (weightless) where it is left out."""
+
+    stiffness_keys: ClassVar[tuple[str, ...]] = ()
+    """The keys in Pa, which a calibration scales together."""
+
+    density: Annotated[Density, Ge(0)] = 0.0
+
+
+class OneModulus(MaterialSettings):
+    """Young's modulus in Pa and Poisson's ratio at small strains."""
+
+    stiffness_keys: ClassVar[tuple[str, ...]] = ("young",)
+
+    young: PositivePressure
+    poisson: PoissonRatio
+
+    @property
+    def shear_modulus(self) -> float:
+        """μ in Pa."""
+        return 0.5 * self.young / (1.0 + self.poisson)
+
+    @property
+    def lame(self) -> float:
+        """Lamé's λ in Pa."""
+        return 2.0 * self.shear_modulus * self.poisson / (1.0 - 2.0 * self.poisson)
+
+
+class NeoHookeanSettings(OneModulus):
+    """Neo-Hookean law."""
+
+    law: Literal["neo-hookean"]
+
+
+class SaintVenantKirchhoffSettings(OneModulus):
+    """Saint Venant-Kirchhoff law; it collapses in strong compression."""
+
+    law: Literal["saint-venant-kirchhoff"]
+
+
+class CorotationalSettings(OneModulus):
+    """Linear law in the rotated frame."""
+
+    law: Literal["corotational"]
+
+
+class SeveralModuli(MaterialSettings):
+    """The volumetric stiffness of laws with constants of their own: exactly one of poisson and bulk (Pa)."""
+
+    poisson: PoissonRatio | None = None
+    bulk: PositivePressure | None = None
+
+    @property
+    @abstractmethod
+    def shear_modulus(self) -> float:
+        """μ in Pa at small strains."""
+
+    @property
+    def lame(self) -> float:
+        """Lamé's λ in Pa at small strains."""
+        mu = self.shear_modulus
+        if self.bulk is not None:
+            return self.bulk - 2.0 * mu / 3.0
+        return 2.0 * mu * (self.poisson or 0.0) / (1.0 - 2.0 * (self.poisson or 0.0))
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.poisson is None) == (self.bulk is None):
+            raise wrong_value("give either poisson or bulk, the stiffness against change of volume")
+        if self.shear_modulus <= 0.0:
+            raise wrong_value(
+                f"the constants give the shear modulus {self.shear_modulus:.4g} Pa: it must be positive"
+            )
+        return self
+
+
+class MooneyRivlinSettings(SeveralModuli):
+    """Mooney-Rivlin law of C10 and C01 in Pa; μ = 2 (C10 + C01)."""
+
+    stiffness_keys: ClassVar[tuple[str, ...]] = ("c10", "c01", "bulk")
+
+    law: Literal["mooney-rivlin"]
+    c10: Pressure
+    c01: Pressure
+
+    @property
+    def shear_modulus(self) -> float:
+        """μ in Pa at small strains."""
+        return 2.0 * (self.c10 + self.c01)
+
+
+class YeohSettings(SeveralModuli):
+    """Yeoh law of C1, C2, C3 in Pa; μ = 2 C1."""
+
+    stiffness_keys: ClassVar[tuple[str, ...]] = ("c1", "c2", "c3", "bulk")
+
+    law: Literal["yeoh"]
+    c1: PositivePressure
+    c2: Pressure
+    c3: Pressure
+
+    @property
+    def shear_modulus(self) -> float:
+        """μ in Pa at small strains."""
+        return 2.0 * self.c1
+
+
+class OgdenSettings(SeveralModuli):
+    """Ogden law of any number of terms μ_p in Pa, α_p; μ = Σ μ_p α_p / 2."""
+
+    stiffness_keys: ClassVar[tuple[str, ...]] = ("mu", "bulk")
+
+    law: Literal["ogden"]
+    mu: Annotated[tuple[Pressure, ...], MinLen(1)]
+    alpha: Annotated[tuple[Number, ...], MinLen(1)]
+
+    @property
+    def shear_modulus(self) -> float:
+        """μ in Pa at small strains."""
+        return 0.5 * sum(m * a for m, a in zip(self.mu, self.alpha, strict=True))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _check_terms(cls, raw: object) -> object:
+        if isinstance(raw, dict):
+            mu, alpha = raw.get("mu"), raw.get("alpha")
+            if isinstance(mu, list) and isinstance(alpha, list) and len(mu) != len(alpha):
+                raise wrong_value(
+                    f"{len(mu)} values of mu and {len(alpha)} of alpha: give one of each per term"
+                )
+        return raw
+
+
+Material = Annotated[
+    NeoHookeanSettings
+    | SaintVenantKirchhoffSettings
+    | CorotationalSettings
+    | MooneyRivlinSettings
+    | YeohSettings
+    | OgdenSettings,
+    Field(discriminator="law"),
+]

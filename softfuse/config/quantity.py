@@ -1,0 +1,174 @@
+"""Numbers with units: a string such as "64 mm" becomes a float in SI.
+
+A quantity is a decimal number and a unit of the expected dimension, in the notation of pint ("0.3 MPa", "1000
+kg/m^3", "20 V min/L"). A plain number is refused, so that nobody has to guess what it counts.
+"""
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cache
+from typing import Annotated, Any
+
+from annotated_types import Ge, Gt
+from pydantic import BeforeValidator, Strict
+from pydantic_core import PydanticCustomError
+
+_NUMBER = r"[+-]?(?:\d[\d_]*\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?"
+_FACTOR = r"[A-Za-zµμΩ%]+(?:(?:\^|\*\*)-?\d(?:\.\d)?|[²³])?"
+_UNIT = rf"{_FACTOR}(?:(?:\s+|\s*[*/·]\s*)\(?\s*{_FACTOR}\s*\)?)*"
+_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT})?\s*")
+
+_OTHERS = {
+    "a mass": "kg",
+    "an area": "m^2",
+    "a velocity": "m/s",
+    "an energy or torque": "J",
+    "a temperature": "K",
+    "a current": "A",
+    "a capacitance": "F",
+    "a flow": "m^3/s",
+    "a number": "",
+}
+"""Dimensions that no setting has, but that people may write, and a unit of each."""
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """What a quantity measures, its SI unit and an example of how it is written."""
+
+    name: str
+    unit: str
+    example: str
+
+    def parse(self, value: Any) -> float:
+        """The value in the SI unit of a string such as the example; the error says what is wrong with it."""
+        expected = f"expected {self.name} such as {json.dumps(self.example)}"
+        if isinstance(value, str) and (match := _QUANTITY.fullmatch(value)):
+            number, unit = Decimal(match[1]), match[2]
+            if unit is None:
+                raise wrong_value(f"{shown(value)} has no unit, {expected}")
+            factor = _factor(unit, self.unit)
+            if isinstance(factor, str):
+                raise wrong_value(f"{shown(value)} {factor}, {expected}")
+            return float(number * factor)
+        if isinstance(value, int | float):
+            raise wrong_value(f"{shown(value)} has no unit, {expected}")
+        raise wrong_value(f"{shown(value)} is no quantity, {expected}")
+
+
+LENGTH = Dimension("a length", "m", "64 mm")
+VOLUME = Dimension("a volume", "m^3", "785 mm^3")
+TIME = Dimension("a time", "s", "0.5 s")
+FREQUENCY = Dimension("a frequency", "Hz", "100 Hz")
+ACCELERATION = Dimension("an acceleration", "m/s^2", "-9.81 m/s^2")
+FORCE = Dimension("a force", "N", "15 N")
+PRESSURE = Dimension("a pressure", "Pa", "0.3 MPa")
+DENSITY = Dimension("a density", "kg/m^3", "1080 kg/m^3")
+VOLTAGE = Dimension("a voltage", "V", "0.5 V")
+VOLTAGE_WALK = Dimension("a random walk of a voltage", "V/s^0.5", "0.02 mV/s^0.5")
+FLOW_SENSITIVITY = Dimension("a voltage per flow", "V s/m^3", "20 V min/L")
+
+_DIMENSIONS = (
+    LENGTH,
+    VOLUME,
+    TIME,
+    FREQUENCY,
+    ACCELERATION,
+    FORCE,
+    PRESSURE,
+    DENSITY,
+    VOLTAGE,
+    VOLTAGE_WALK,
+    FLOW_SENSITIVITY,
+)
+
+Length = Annotated[float, BeforeValidator(LENGTH.parse)]
+Volume = Annotated[float, BeforeValidator(VOLUME.parse)]
+Time = Annotated[float, BeforeValidator(TIME.parse)]
+Frequency = Annotated[float, BeforeValidator(FREQUENCY.parse)]
+Acceleration = Annotated[float, BeforeValidator(ACCELERATION.parse)]
+Force = Annotated[float, BeforeValidator(FORCE.parse)]
+Pressure = Annotated[float, BeforeValidator(PRESSURE.parse)]
+Density = Annotated[float, BeforeValidator(DENSITY.parse)]
+Voltage = Annotated[float, BeforeValidator(VOLTAGE.parse)]
+VoltageWalk = Annotated[float, BeforeValidator(VOLTAGE_WALK.parse)]
+FlowSensitivity = Annotated[float, BeforeValidator(FLOW_SENSITIVITY.parse)]
+Number = Annotated[float, Strict()]
+Integer = Annotated[int, Strict()]
+
+PositiveLength = Annotated[Length, Gt(0)]
+PositiveTime = Annotated[Time, Gt(0)]
+PositiveForce = Annotated[Force, Gt(0)]
+PositivePressure = Annotated[Pressure, Gt(0)]
+PositiveVoltage = Annotated[Voltage, Gt(0)]
+PositiveNumber = Annotated[Number, Gt(0)]
+PositiveInteger = Annotated[Integer, Gt(0)]
+Duration = Annotated[Time, Ge(0)]
+Spread = Annotated[Voltage, Ge(0)]
+
+
+def length_unit(value: Any) -> float:
+    """Metres per unit of length: 1e-3 for "mm"."""
+    if not isinstance(value, str):
+        raise wrong_value(f'{shown(value)} is no unit of length such as "mm"')
+    if not re.fullmatch(_UNIT, value.strip()):
+        raise wrong_value(f'{shown(value)} is no unit of length such as "mm"')
+    factor = _factor(value.strip(), "m")
+    if isinstance(factor, str):
+        raise wrong_value(f'{shown(value)} {factor}, expected a unit of length such as "mm"')
+    return float(factor)
+
+
+LengthUnit = Annotated[float, BeforeValidator(length_unit)]
+
+
+def wrong_value(message: str, *, key: str = "") -> PydanticCustomError:
+    """The error that a validator raises; key is the place of the mistake within what it validates."""
+    return PydanticCustomError("softfuse", "{message}", {"message": message, "key": key})
+
+
+def shown(value: Any) -> str:
+    """A value as it stands in the file, in short."""
+    if isinstance(value, Mapping):
+        return "a table"
+    if isinstance(value, list | tuple):
+        return "a list"
+    if isinstance(value, str | bool):
+        return json.dumps(value, ensure_ascii=False)
+    return str(value)
+
+
+@cache
+def _registry():
+    import pint
+
+    # Decimals keep 18 mm at 0.018 m to the last digit; pint's annotations know them only as floats.
+    registry: Any = pint.UnitRegistry
+    return registry(non_int_type=Decimal)
+
+
+@cache
+def _factor(unit: str, target: str) -> Decimal | str:
+    """SI units per unit, or why there is no such number, as the end of a sentence about the quantity."""
+    import pint
+
+    registry = _registry()
+    try:
+        parsed = registry.parse_units(unit)
+        if parsed.dimensionality == registry.parse_units(target).dimensionality:
+            return Decimal(registry.Quantity(Decimal(1), parsed).to(target).magnitude)
+    except (pint.PintError, ValueError, TypeError, AssertionError, ArithmeticError):
+        return f"has the unknown unit {json.dumps(unit, ensure_ascii=False)}"
+    return f"is {_kind(parsed.dimensionality)}"
+
+
+def _kind(dimensionality: object) -> str:
+    registry = _registry()
+    known = {d.name: d.unit for d in _DIMENSIONS} | _OTHERS
+    for name, unit in known.items():
+        if registry.parse_units(unit).dimensionality == dimensionality:
+            return name
+    return f"of dimension {dimensionality}"

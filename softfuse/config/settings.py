@@ -1,0 +1,51 @@
+"""What all tables of a configuration have in common: no unknown keys, no change, finite numbers."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationInfo
+
+from softfuse.config.quantity import Length, wrong_value
+
+
+class Settings(BaseModel):
+    """A table of a configuration file; quantities in SI."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
+    if any(b <= a for a, b in zip(values[:-1], values[1:], strict=True)):
+        raise wrong_value("the values must ascend")
+    return values
+
+
+def _not_descending(values: tuple[float, float]) -> tuple[float, float]:
+    if values[1] < values[0]:
+        raise wrong_value("the first value must not exceed the second")
+    return values
+
+
+def _existing(path: Path, info: ValidationInfo) -> Path:
+    """The path seen from the folder of the configuration."""
+    context: dict[str, Any] = info.context or {}
+    full = context.get("folder", Path()) / path.expanduser()
+    if not full.is_file():
+        raise wrong_value(f"there is no file {full}; paths are relative to the folder of the configuration")
+    return full
+
+
+Span = Annotated[tuple[Length, Length], AfterValidator(_not_descending)]
+"""Lowest and highest value, which may be the same, in m."""
+
+Range = Annotated[tuple[Length, Length], AfterValidator(_ascending)]
+"""Lowest and highest value, in m."""
+
+Positions = Annotated[tuple[Length, ...], AfterValidator(_ascending)]
+"""Ascending positions along an axis, in m."""
+
+Vector = tuple[Length, Length, Length]
+"""x, y, z in m."""
+
+ExistingFile = Annotated[Path, AfterValidator(_existing)]
+"""A file that exists; a relative path starts in the folder of the configuration."""
