@@ -95,10 +95,7 @@ def test_files_that_are_no_tetrahedral_mesh(body: TetMesh, tmp_path: Path) -> No
     meshio.write(tmp_path / "skin.vtk", raw_mesh(body.nodes, ("triangle", body.tets[:, :3])))
     with pytest.raises(MeshError, match="holds no tetrahedra, only triangle"):
         read_mesh(tmp_path / "skin.vtk")
-    both = [
-        meshio.CellBlock("tetra", body.tets[:5, :4]),
-        meshio.CellBlock("tetra10", quadratic(body).tets[5:]),
-    ]
+    both = [("tetra", body.tets[:5, :4]), ("tetra10", quadratic(body).tets[5:])]
     meshio.write(tmp_path / "both.vtk", raw_mesh(quadratic(body).nodes, *both))
     with pytest.raises(MeshError, match="mixes linear and quadratic"):
         read_mesh(tmp_path / "both.vtk")
