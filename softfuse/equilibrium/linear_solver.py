@@ -1,0 +1,63 @@
+"""One interface for K x = b: plan once a body, factor a tangent, solve with the factor as often as needed.
+
+`tangent_inverse` makes an exact differentiable solve of any factor, also a stale one: the factor preconditions,
+the body's own tangent action corrects. Source for the split: lineax' linear solvers.
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+from jaxtyping import Array, Float, PyTree
+
+from softfuse.body.body import Body, tangent_action
+
+Solve = Callable[[Float[Array, "n c"]], Float[Array, "n c"]]
+
+
+class AbstractLinearSolver(eqx.Module):
+    """Direct solver of a body's symmetric tangent."""
+
+    @classmethod
+    @abstractmethod
+    def plan(cls, body: Body) -> "AbstractLinearSolver":
+        """Everything about the tangent of this body that does not depend on its values."""
+
+    @abstractmethod
+    def factor(self, element_tangents: Float[Array, "e d d"]) -> PyTree[Array]:
+        """Factor of the matrix that element tangents (e, d, d) assemble to; NaN where that matrix is singular."""
+
+    @abstractmethod
+    def solve(self, factor: PyTree[Array], rhs: Float[Array, "n c"]) -> Float[Array, "n c"]:
+        """Solution (n, c) for right-hand sides (n, c)."""
+
+
+def tangent_inverse(
+    solver: AbstractLinearSolver,
+    factor: PyTree[Array],
+    body: Body,
+    z: Float[Array, " n"],
+    *,
+    refinements: int,
+) -> Solve:
+    """The map b (n, c) ↦ K(z)⁻¹ b, differentiable in b, z and body to any order and in both modes.
+
+    With a factor of K(z) itself no refinement is needed; with one of a nearby tangent each reduces the error by the factor's
+    distance ‖1 − F⁻¹K‖. Implicit differentiation of K x = b: ẋ = K⁻¹(ḃ − K̇ x).
+    """
+    factor = jax.lax.stop_gradient(factor)
+
+    def action(x):
+        return tangent_action(body, z, x)
+
+    def approximate(matrix, b):
+        x = solver.solve(factor, b)
+        for _ in range(refinements):
+            x = x + solver.solve(factor, b - matrix(x))
+        return x
+
+    def inverse(b):
+        return jax.lax.custom_linear_solve(action, b, approximate, symmetric=True)
+
+    return inverse

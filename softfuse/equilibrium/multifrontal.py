@@ -1,0 +1,122 @@
+"""Sparse direct solution of K x = b for symmetric quasi-definite K, as dense linear algebra inside jit.
+
+K = [[A, B], [Bᵀ, −C]] with A and C positive definite can be eliminated in any symmetric order without pivoting
+across fronts (Vanderbei, SIAM J. Optim. 5(1), 1995), so the order is chosen for sparsity alone (`dissection`). Each front keeps
+D⁻¹ (s, s) and G = D⁻¹U (s, t); with them a solve is two sweeps of batched matrix products:
+upward b_border −= Gᵀ b_pivots, downward x_pivots = D⁻¹ b_pivots − G x_border.
+A singular front gives NaN, which the caller reads as a result code.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from softfuse.body.body import Body
+from softfuse.equilibrium.dissection import dissect
+from softfuse.equilibrium.linear_solver import AbstractLinearSolver
+
+
+class _Fronts(eqx.Module):
+    """The index arrays of one `dissection.Batch` as leaves."""
+
+    pivots: Int[Array, "f s"]
+    border: Int[Array, "f t"]
+    elements: Int[Array, " e"]
+    element_front: Int[Array, " e"]
+    element_slots: Int[Array, "e d"]
+    children: tuple[tuple[Int[Array, " c"], Int[Array, " c"], Int[Array, "c m"]], ...]
+    sources: tuple[int, ...] = eqx.field(static=True)
+
+
+def _gather_rows(blocks: Float[Array, "c t u"], rows: Int[Array, "c m"]) -> Float[Array, "c m u"]:
+    return jax.vmap(lambda block, row: block.at[row].get(mode="promise_in_bounds"))(blocks, rows)
+
+
+class Factor(eqx.Module):
+    """What solving needs: for each batch of fronts D⁻¹ (f, s, s) and G = D⁻¹U (f, s, t)."""
+
+    inverses: tuple[Float[Array, "f s s"], ...]
+    couplings: tuple[Float[Array, "f s t"], ...]
+
+
+class Multifrontal(AbstractLinearSolver):
+    """Elimination plan of a mesh; `factor` and `solve` are pure and may be jitted, vmapped and run on any device."""
+
+    fronts: tuple[_Fronts, ...]
+    n: int = eqx.field(static=True)
+
+    @classmethod
+    def plan(cls, body: Body) -> "Multifrontal":
+        """Plan the elimination of a body's tangent."""
+        batches = dissect(
+            np.asarray(body.element_unknowns),
+            body.element.local_nodes,
+            np.asarray(body.tets),
+            np.asarray(body.rest),
+            body.n,
+        )
+
+        def index(a):
+            return jnp.asarray(a, jnp.int32)
+
+        fronts = tuple(
+            _Fronts(
+                index(b.pivots),
+                index(b.border),
+                index(b.elements),
+                index(b.element_front),
+                index(b.element_slots),
+                tuple((index(c), index(p), index(m)) for _, c, p, m in b.children),
+                tuple(source for source, _, _, _ in b.children),
+            )
+            for b in batches
+        )
+        return cls(fronts, body.n)
+
+    def factor(self, element_tangents: Float[Array, "e d d"]) -> Factor:
+        """Eliminate all fronts of the matrix that the element tangents (e, d, d) assemble to."""
+        schur: list[Array] = []
+        inverses, couplings = [], []
+        # Batches of one level are independent, and XLA's CPU runtime was seen to deadlock when it ran their LAPACK calls
+        # at once on two threads: each batch therefore waits for the one before, by an added 0 that depends on it.
+        after = jnp.zeros((), element_tangents.dtype)
+        for batch in self.fronts:
+            f, s = batch.pivots.shape
+            size = s + batch.border.shape[1]
+            # The last row and column collect what belongs to constrained unknowns, and are dropped.
+            front = jnp.full((f, size + 1, size + 1), after)
+            slots = batch.element_slots
+            front = front.at[batch.element_front[:, None, None], slots[:, :, None], slots[:, None, :]].add(
+                element_tangents[batch.elements]
+            )[:, :size, :size]
+            for source, (child, parent, take) in zip(batch.sources, batch.children, strict=True):
+                # Symmetric: gather rows, transpose, gather rows again; the added zero row serves absent slots.
+                block = jnp.pad(schur[source][child], ((0, 0), (0, 1), (0, 1)))
+                front = front.at[parent].add(_gather_rows(_gather_rows(block, take).swapaxes(1, 2), take))
+            d, u = front[:, :s, :s], front[:, :s, s:]
+            unit = jnp.where(batch.pivots == self.n, 1.0, 0.0)  # padding pivots get a unit diagonal
+            inverse = jnp.linalg.inv(d + unit[:, :, None] * jnp.eye(s))
+            coupling = inverse @ u
+            schur.append(front[:, s:, s:] - u.swapaxes(1, 2) @ coupling)
+            after = 0.0 * coupling.ravel()[:1].sum() + 0.0 * inverse[0, 0, 0]
+            inverses.append(inverse)
+            couplings.append(coupling)
+        return Factor(tuple(inverses), tuple(couplings))
+
+    def solve(self, factor: Factor, rhs: Float[Array, "n k"]) -> Float[Array, "n k"]:
+        """Solve for k right-hand sides (n, k) with a factor of the same plan."""
+        b = jnp.pad(rhs, ((0, 1), (0, 0)))
+        eliminated = []
+        for batch, coupling in zip(self.fronts, factor.couplings, strict=True):
+            y = b[batch.pivots]
+            eliminated.append(y)
+            b = b.at[batch.border].add(-jnp.einsum("fst,fsk->ftk", coupling, y))
+        x = jnp.zeros_like(b)
+        for batch, inverse, coupling, y in reversed(
+            list(zip(self.fronts, factor.inverses, factor.couplings, eliminated, strict=True))
+        ):
+            x_border = x.at[self.n].set(0.0)[batch.border]
+            x = x.at[batch.pivots].set(inverse @ y - coupling @ x_border)
+        return x[: self.n]

@@ -1,0 +1,29 @@
+"""Enclosed volume Φ of a closed surface: Φ = 1/3 ∮ x · n dA, exact for the curved faces of quadratic elements.
+
+x · (∂x/∂ξ × ∂x/∂η) is a polynomial of degree 4 (quadratic faces) or 1 (linear ones) in ξ, η, and the quadrature is exact for it.
+The conjugate force of Φ is the gauge pressure inside [Pa]. Source: the divergence theorem; Navarro et al. 2020, eq. 8.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from softfuse.body.quadrature import TRIANGLE_6
+from softfuse.body.shape import linear, linear_slopes, quadratic, quadratic_slopes
+
+
+class Cavity(eqx.Module):
+    """A closed surface of faces (f, 3) or (f, 6) whose normals point out of the enclosed space."""
+
+    faces: Int[Array, "f s"]
+
+    def __call__(self, positions: Float[Array, "k 3"]) -> Float[Array, ""]:
+        """Enclosed volume [m³] at node positions (k, 3) m."""
+        points, weights = TRIANGLE_6
+        is_linear = self.faces.shape[1] == 3
+        values = linear(points) if is_linear else quadratic(points)
+        slopes = linear_slopes(points) if is_linear else quadratic_slopes(points)
+        x = positions[self.faces]
+        at = jnp.einsum("fsi,qs->fqi", x, values)
+        along = jnp.einsum("fsi,qsd->dfqi", x, slopes[:, :, 1:] - slopes[:, :, :1])
+        return jnp.einsum("fqi,fqi,q->", at, jnp.cross(along[0], along[1]), jnp.asarray(weights)) / 6.0

@@ -1,0 +1,61 @@
+"""How a disc contact's force may be distributed: cells of the unit disc, each with a fixed shape of pressure and unit force.
+
+`uniform` has one cell, constant pressure on the whole disc: "equal force everywhere" (Navarro et al. 2020, Sec. IV-B), whose functional is the patch's mean displacement.
+`flat_punch` cuts the disc into ring sectors; the forces of the cells then follow from equal displacement where pressed and no tension.
+The pressure under a sharp rigid edge grows like (1 − r²)^(-1/2), so every cell carries this weight: on an elastic half space equal
+cell pressures are then the exact solution. Quadrature in s = √(1 − r²) takes the singularity out, ∫ f r dr / √(1 − r²) = ∫ f ds.
+Source: Johnson, Contact Mechanics, 1985, ch. 3.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+
+class PressureCells(eqx.Module):
+    """Quadrature points (p, 2) on the unit disc and the share (p, m) of cell k's force that acts there; columns sum to 1."""
+
+    points: Float[Array, "p 2"]
+    shares: Float[Array, "p m"]
+
+    @property
+    def count(self) -> int:
+        """Number of cells."""
+        return self.shares.shape[1]
+
+
+def uniform(*, rings: int = 10, angles: int = 32) -> PressureCells:
+    """Constant pressure on the disc, at rings × angles quadrature points."""
+    nodes, weights = np.polynomial.legendre.leggauss(rings)
+    radius = np.sqrt(0.5 * (nodes + 1))  # r² is uniform over the disc's area
+    turn = 2 * np.pi / angles * (np.arange(angles) + 0.5 * (np.arange(rings) % 2)[:, None])
+    points = radius[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+    return PressureCells(
+        jnp.asarray(points.reshape(-1, 2)),
+        jnp.asarray(np.repeat(weights / weights.sum() / angles, angles)[:, None]),
+    )
+
+
+def flat_punch(
+    rims: tuple[float, ...] = (0.45, 0.75, 0.93, 1.0),
+    sectors: tuple[int, ...] = (4, 8, 12, 12),
+    *,
+    points: int = 3,
+) -> PressureCells:
+    """Ring sectors between the radii 0, `rims`..., each ring cut into its number of `sectors`, with points² quadrature points a cell."""
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    nodes, weights = 0.5 * (nodes + 1), 0.5 * weights
+    where, inner = [], 0.0
+    for rim, count in zip(rims, sectors, strict=True):
+        depth = np.sqrt(1 - inner**2) + (np.sqrt(1 - rim**2) - np.sqrt(1 - inner**2)) * nodes
+        radius = np.sqrt(1 - depth**2)
+        for k in range(count):
+            turn = 2 * np.pi / count * (k + nodes)
+            where.append(radius[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1))
+        inner = rim
+    share = np.outer(weights, weights).ravel()
+    return PressureCells(
+        jnp.asarray(np.concatenate([w.reshape(-1, 2) for w in where])),
+        jnp.asarray(np.kron(np.eye(len(where)), share[:, None])),
+    )
