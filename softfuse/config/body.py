@@ -2,12 +2,12 @@
 
 from typing import Annotated, Literal, Self
 
-from annotated_types import Ge, Gt, Lt, MinLen
+from annotated_types import Ge, Gt, Lt
 from pydantic import Field, model_validator
 
 from softfuse.config.material import Material
 from softfuse.config.quantity import Acceleration, Length, LengthUnit, Number, PositiveLength, wrong_value
-from softfuse.config.settings import ExistingFile, Settings, Span
+from softfuse.config.settings import ExistingFile, NotEmpty, Settings, Span
 
 Size = tuple[PositiveLength, PositiveLength, PositiveLength]
 """Extents along x, y, z in m."""
@@ -79,7 +79,7 @@ class BodySettings(Settings):
 
     element: Literal["taylor-hood", "quadratic", "linear"] = "taylor-hood"
     source: Source
-    materials: Annotated[tuple[Material, ...], MinLen(1)] = Field(alias="material")
+    materials: Annotated[tuple[Material, ...], NotEmpty] = Field(alias="material")
     fixed: FixedSettings
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, 0.0)
 

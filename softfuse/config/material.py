@@ -8,11 +8,11 @@ give the shear modulus μ, and for the volume either ν, λ = 2 μ ν / (1 − 2
 from abc import abstractmethod
 from typing import Annotated, ClassVar, Literal, Self
 
-from annotated_types import Ge, MinLen
-from pydantic import AfterValidator, Field, model_validator
+from annotated_types import Ge
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from softfuse.config.quantity import Density, Number, PositivePressure, Pressure, wrong_value
-from softfuse.config.settings import Settings
+from softfuse.config.settings import NotEmpty, Settings
 
 
 def _physical(poisson: float) -> float:
@@ -139,24 +139,23 @@ class OgdenSettings(SeveralModuli):
     stiffness_keys: ClassVar[tuple[str, ...]] = ("mu", "bulk")
 
     law: Literal["ogden"]
-    mu: Annotated[tuple[Pressure, ...], MinLen(1)]
-    alpha: Annotated[tuple[Number, ...], MinLen(1)]
+    mu: Annotated[tuple[Pressure, ...], NotEmpty]
+    alpha: Annotated[tuple[Number, ...], NotEmpty]
 
     @property
     def shear_modulus(self) -> float:
         """μ in Pa at small strains."""
         return 0.5 * sum(m * a for m, a in zip(self.mu, self.alpha, strict=True))
 
-    @model_validator(mode="before")
+    @field_validator("alpha")
     @classmethod
-    def _check_terms(cls, raw: object) -> object:
-        if isinstance(raw, dict):
-            mu, alpha = raw.get("mu"), raw.get("alpha")
-            if isinstance(mu, list) and isinstance(alpha, list) and len(mu) != len(alpha):
-                raise wrong_value(
-                    f"{len(mu)} values of mu and {len(alpha)} of alpha: give one of each per term"
-                )
-        return raw
+    def _check_alpha(cls, alpha: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        terms = len(info.data.get("mu", alpha))
+        if len(alpha) != terms:
+            raise wrong_value(f"{len(alpha)} exponents for {terms} values of mu: give one of each per term")
+        if 0.0 in alpha:
+            raise wrong_value("an exponent of 0 has no energy: remove the term")
+        return alpha
 
 
 Material = Annotated[

@@ -6,7 +6,7 @@ sensing stage, and a test keeps them equal.
 
 from typing import Annotated, Literal, Self
 
-from annotated_types import Ge, Gt, Le, Lt, MinLen
+from annotated_types import Ge, Gt, Le, Lt
 from pydantic import model_validator
 
 from softfuse.config.quantity import (
@@ -24,9 +24,9 @@ from softfuse.config.quantity import (
     VoltageWalk,
     wrong_value,
 )
-from softfuse.config.settings import Positions, Settings
+from softfuse.config.settings import NotEmpty, Positions, Settings
 
-Channels = Annotated[tuple[str, ...], MinLen(1)]
+Channels = Annotated[tuple[str, ...], NotEmpty]
 """Names of columns of a recording."""
 
 Fraction = Annotated[Number, Gt(0), Lt(1)]

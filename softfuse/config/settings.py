@@ -14,6 +14,13 @@ class Settings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+def _given(values: tuple[object, ...]) -> tuple[object, ...]:
+    # pydantic's own least length also counts items that are wrong, and complains twice.
+    if not values:
+        raise wrong_value("the list is empty: give at least one")
+    return values
+
+
 def _ascending(values: tuple[float, ...]) -> tuple[float, ...]:
     if any(b <= a for a, b in zip(values[:-1], values[1:], strict=True)):
         raise wrong_value("the values must ascend")
@@ -34,6 +41,9 @@ def _existing(path: Path, info: ValidationInfo) -> Path:
         raise wrong_value(f"there is no file {full}; paths are relative to the folder of the configuration")
     return full
 
+
+NotEmpty = AfterValidator(_given)
+"""Marks a list that needs an item."""
 
 Span = Annotated[tuple[Length, Length], AfterValidator(_not_descending)]
 """Lowest and highest value, which may be the same, in m."""

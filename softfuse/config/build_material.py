@@ -1,0 +1,44 @@
+"""From settings to strain-energy densities."""
+
+import numpy as np
+
+from softfuse.config.device import DeviceConfig
+from softfuse.config.material import (
+    CorotationalSettings,
+    Material,
+    MooneyRivlinSettings,
+    NeoHookeanSettings,
+    OgdenSettings,
+    SaintVenantKirchhoffSettings,
+    YeohSettings,
+)
+from softfuse.material import (
+    AbstractMaterial,
+    Corotational,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    SaintVenantKirchhoff,
+    Yeoh,
+)
+
+
+def build_materials(config: DeviceConfig) -> tuple[AbstractMaterial, ...]:
+    """The materials of the regions 0, 1 ... of the body."""
+    return tuple(_law(settings) for settings in config.body.materials)
+
+
+def _law(settings: Material) -> AbstractMaterial:
+    match settings:
+        case NeoHookeanSettings():
+            return NeoHookean.from_young(settings.young, settings.poisson)
+        case SaintVenantKirchhoffSettings():
+            return SaintVenantKirchhoff.from_young(settings.young, settings.poisson)
+        case CorotationalSettings():
+            return Corotational.from_young(settings.young, settings.poisson)
+        case MooneyRivlinSettings():
+            return MooneyRivlin(settings.c10, settings.c01, settings.lame)
+        case YeohSettings():
+            return Yeoh(settings.c1, settings.c2, settings.c3, settings.lame)
+        case OgdenSettings():
+            return Ogden(np.array(settings.mu), np.array(settings.alpha), settings.lame)

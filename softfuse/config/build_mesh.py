@@ -1,0 +1,125 @@
+"""From settings to the mesh of the body: its nodes and tetrahedra, its cavities, the nodes that are held."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool
+
+from softfuse.config.body import FixedSettings, MeshSource, PadSource, SurfaceSource
+from softfuse.config.device import DeviceConfig
+from softfuse.errors import ConfigError, MeshError
+from softfuse.mesh.files import read_mesh, read_surface
+from softfuse.mesh.pad import PadGeometry, pad_mesh
+from softfuse.mesh.surface import Surface, cavities
+from softfuse.mesh.tetmesh import TetMesh, linear, quadratic, tet_mesh
+from softfuse.mesh.tetrahedralise import tetrahedralise
+
+_TOUCH = 1e-6
+"""Distance over the extent of the body up to which a node lies within the ranges of [body.fixed]."""
+
+
+@dataclass(frozen=True, eq=False)
+class DeviceMesh:
+    """Mesh of the element's order, its regions numbered as the materials; cavities; held nodes (n,).
+
+    The cavities are in the order of the configuration, their normals point into the material.
+    """
+
+    mesh: TetMesh
+    cavities: tuple[Surface, ...]
+    fixed: Bool[np.ndarray, " n"]
+
+
+def build_mesh(config: DeviceConfig) -> DeviceMesh:
+    """The mesh that a configuration describes.
+
+    Raises ConfigError with the key's path when the source gives no valid mesh, it has another number of
+    cavities or of regions than the configuration, or no node is fixed.
+    """
+    with _told(config, "body.source"):
+        mesh = _source_mesh(config)
+    mesh = linear(mesh) if config.body.element == "linear" else quadratic(mesh)
+    centres = np.array([cavity.centre for cavity in config.cavities]).reshape(-1, 3)
+    with _told(config, "cavity"):
+        found = cavities(mesh, centres)
+    mesh = _with_numbered_regions(config, mesh)
+    return DeviceMesh(mesh, tuple(found), _fixed_nodes(config, mesh))
+
+
+def pad_geometry(config: DeviceConfig) -> PadGeometry:
+    """The pad of a configuration; raises ConfigError when its body comes from a file."""
+    source = config.body.source
+    if not isinstance(source, PadSource):
+        raise ConfigError(f'{config.path}: body.source.type: "{source.type}" is no pad: set it to "pad"')
+    return PadGeometry(
+        size=source.size,
+        cavity_size=source.cavity_size,
+        cavity_centres=tuple(cavity.centre[:2] for cavity in config.cavities),
+        cavity_z_bottom=config.cavities[0].centre[2] - 0.5 * source.cavity_size[2],
+    )
+
+
+def _source_mesh(config: DeviceConfig) -> TetMesh:
+    source = config.body.source
+    match source:
+        case PadSource():
+            return pad_mesh(
+                pad_geometry(config),
+                source.surface_size,
+                source.base_size,
+                growth=source.growth,
+                fine_depth=source.fine_depth,
+            )
+        case SurfaceSource():
+            inserts = [read_surface(path, scale=source.unit) for path in source.inserts]
+            shell = read_surface(source.file, scale=source.unit)
+            return tetrahedralise(shell, source.edge_length, inserts=inserts, envelope=source.envelope)
+        case MeshSource():
+            return read_mesh(source.file, scale=source.unit)
+
+
+def _with_numbered_regions(config: DeviceConfig, mesh: TetMesh) -> TetMesh:
+    regions, number = np.unique(mesh.region, return_inverse=True)
+    materials = len(config.body.materials)
+    if len(regions) != materials:
+        raise ConfigError(
+            f"{config.path}: body.material: {materials} materials for the {len(regions)} regions "
+            f"{regions.tolist()} of the mesh: give one [[body.material]] for each"
+        )
+    return tet_mesh(mesh.nodes, mesh.tets, region=number)
+
+
+def _fixed_nodes(config: DeviceConfig, mesh: TetMesh) -> Bool[np.ndarray, " n"]:
+    inside = _within(config.body.fixed, mesh)
+    if not inside.any():
+        low, high = (1e3 * end(mesh.nodes, axis=0) for end in (np.min, np.max))
+        raise ConfigError(
+            f"{config.path}: body.fixed: no node of the mesh is in these ranges; it reaches from "
+            f"{low.round(3).tolist()} to {high.round(3).tolist()} mm"
+        )
+    if inside.all():
+        raise ConfigError(
+            f"{config.path}: body.fixed: all nodes of the mesh are in these ranges: narrow them"
+        )
+    return inside
+
+
+def _within(fixed: FixedSettings, mesh: TetMesh) -> Bool[np.ndarray, " n"]:
+    margin = _TOUCH * np.ptp(mesh.nodes, axis=0).max()
+    inside = np.ones(len(mesh.nodes), bool)
+    for axis, span in enumerate((fixed.x, fixed.y, fixed.z)):
+        if span is not None:
+            position = mesh.nodes[:, axis]
+            inside &= (position >= span[0] - margin) & (position <= span[1] + margin)
+    return inside
+
+
+@contextmanager
+def _told(config: DeviceConfig, key: str) -> Iterator[None]:
+    """A MeshError from within becomes a ConfigError that names the key."""
+    try:
+        yield
+    except MeshError as error:
+        raise ConfigError(f"{config.path}: {key}: {error}") from error

@@ -1,0 +1,239 @@
+"""Settings to meshes, materials and sensors."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.config import load
+from softfuse.config.build_material import build_materials
+from softfuse.config.build_mesh import build_mesh, pad_geometry
+from softfuse.config.build_sensors import (
+    build_sensors,
+    contact_peak,
+    electrode_array,
+    flow_sensor,
+    touch_thresholds,
+)
+from softfuse.config.sensors import CapacitiveSettings, FlowSettings
+from softfuse.errors import ConfigError
+from softfuse.mesh.files import write_mesh, write_surface
+from softfuse.mesh.shell import shell_of
+from softfuse.mesh.surface import centroid, enclosed_volume
+from softfuse.mesh.tetmesh import tet_mesh, volumes
+from softfuse.sensing import capacitive_array, d6f_p0001a1, peak_model, touch_detector
+
+Write = Callable[..., Path]
+
+COARSE = (
+    ('surface_size = "14 mm"', 'surface_size = "30 mm"'),
+    ('base_size = "14 mm"', 'base_size = "28 mm"'),
+)
+
+
+def test_the_pad_has_its_cavities_in_order(write: Write) -> None:
+    config = load(write())
+    device = build_mesh(config)
+    mesh = device.mesh
+    assert mesh.order == 2
+    assert len(mesh.nodes) <= 5000
+    assert volumes(mesh).sum() == pytest.approx(0.08 * 0.08 * 0.018 - 4 * 0.028**2 * 0.006)
+    for cavity, settings in zip(device.cavities, config.cavities, strict=True):
+        assert enclosed_volume(mesh.nodes, cavity.faces) == pytest.approx(0.028**2 * 0.006)
+        np.testing.assert_allclose(centroid(mesh.nodes, cavity.faces), settings.centre, atol=1e-12)
+    np.testing.assert_array_equal(device.fixed, mesh.nodes[:, 2] < 1e-9)
+
+
+def test_the_order_of_the_config_is_that_of_the_volumes(write: Write) -> None:
+    swap = (
+        ('["-17 mm", "-17 mm", "9 mm"]', '["17 mm", "17 mm", "9.0 mm"]'),
+        ('["17 mm", "17 mm", "9 mm"]', '["-17 mm", "-17 mm", "9 mm"]'),
+    )
+    config = load(write(*COARSE, *swap))
+    device = build_mesh(config)
+    found = [centroid(device.mesh.nodes, cavity.faces) for cavity in device.cavities]
+    np.testing.assert_allclose(found, [c.centre for c in config.cavities], atol=1e-12)
+
+
+def test_linear_elements_get_a_linear_mesh(write: Write) -> None:
+    config = load(write(*COARSE, ('element = "taylor-hood" ', 'element = "linear" ')))
+    assert build_mesh(config).mesh.order == 1
+
+
+def test_fixed_ranges_are_joined_by_and(write: Write) -> None:
+    held = build_mesh(
+        load(write(*COARSE, ('z = ["0 mm", "0 mm"]', 'x = ["-40 mm", "0 mm"]\nz = ["0 mm", "6 mm"]')))
+    )
+    x, z = held.mesh.nodes[:, 0], held.mesh.nodes[:, 2]
+    np.testing.assert_array_equal(held.fixed, (x < 1e-9) & (z < 6e-3 + 1e-9))
+
+
+@pytest.mark.parametrize(
+    ("fixed", "told"),
+    [
+        ('z = ["-2 mm", "-1 mm"]', "no node of the mesh is in these ranges; it reaches from"),
+        ('z = ["0 mm", "18 mm"]', "all nodes of the mesh are in these ranges: narrow them"),
+    ],
+)
+def test_a_wrong_fixed_region_is_told(write: Write, fixed: str, told: str) -> None:
+    path = write(*COARSE, ('z = ["0 mm", "0 mm"]', fixed))
+    with pytest.raises(ConfigError) as caught:
+        build_mesh(load(path))
+    assert str(caught.value).startswith(f"{path}: body.fixed: {told}")
+
+
+def test_a_wrong_pad_is_told_with_its_key(write: Write) -> None:
+    path = write(('cavity_size = ["28 mm", "28 mm", "6 mm"]', 'cavity_size = ["28 mm", "40 mm", "6 mm"]'))
+    with pytest.raises(ConfigError) as caught:
+        build_mesh(load(path))
+    assert str(caught.value).startswith(f"{path}: body.source: cavities 0 and 1 touch")
+
+
+def _from_file(pad_text: str, folder: Path, source: str) -> Path:
+    start, end = pad_text.index("[body.source]"), pad_text.index("# One material")
+    path = folder / "device.toml"
+    path.write_text(pad_text[:start] + "[body.source]\n" + source + pad_text[end:], encoding="utf-8")
+    return path
+
+
+def test_a_mesh_from_a_file_is_the_same_body(write: Write, tmp_path: Path, pad_text: str) -> None:
+    pad = build_mesh(load(write(*COARSE))).mesh
+    write_mesh(tmp_path / "pad.vtu", tet_mesh(1e3 * pad.nodes, pad.tets, region=7 + pad.region))
+    config = load(_from_file(pad_text, tmp_path, 'type = "mesh"\nfile = "pad.vtu"\nunit = "mm"\n'))
+    device = build_mesh(config)
+    np.testing.assert_allclose(device.mesh.nodes, pad.nodes, atol=1e-15)
+    np.testing.assert_array_equal(device.mesh.region, 0)
+    assert len(device.cavities) == 4
+    with pytest.raises(ConfigError, match='body.source.type: "mesh" is no pad'):
+        pad_geometry(config)
+
+
+def test_regions_without_a_material_are_told(write: Write, tmp_path: Path, pad_text: str) -> None:
+    pad = build_mesh(load(write(*COARSE))).mesh
+    region = np.where(pad.nodes[pad.corners].mean(axis=1)[:, 0] > 0.0, 5, 2)
+    write_mesh(tmp_path / "pad.vtu", tet_mesh(pad.nodes, pad.tets, region=region))
+    path = _from_file(pad_text, tmp_path, 'type = "mesh"\nfile = "pad.vtu"\nunit = "m"\n')
+    with pytest.raises(ConfigError) as caught:
+        build_mesh(load(path))
+    assert str(caught.value) == (
+        f"{path}: body.material: 1 materials for the 2 regions [2, 5] of the mesh: "
+        "give one [[body.material]] for each"
+    )
+
+
+def test_another_number_of_cavities_is_told(write: Write, tmp_path: Path, pad_text: str) -> None:
+    pad = build_mesh(load(write(*COARSE))).mesh
+    write_mesh(tmp_path / "pad.vtu", pad)
+    path = _from_file(pad_text, tmp_path, 'type = "mesh"\nfile = "pad.vtu"\nunit = "m"\n')
+    extra = '[[cavity]]\nname = "fifth"\ncentre = ["0 mm", "0 mm", "9 mm"]\n\n[contact]'
+    text = path.read_text().replace("[contact]", extra).replace('"flow3_V"]', '"flow3_V", "flow4_V"]')
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        build_mesh(load(path))
+    told = f"{path}: cavity: config names 5 cavities, the mesh has 4 closed inner surfaces"
+    assert str(caught.value).startswith(told)
+
+
+def test_a_surface_is_filled(write: Write, tmp_path: Path, pad_text: str) -> None:
+    pad = build_mesh(load(write(*COARSE))).mesh
+    write_surface(tmp_path / "pad.stl", shell_of(pad), scale=1e3)
+    source = 'type = "surface"\nfile = "pad.stl"\nunit = "mm"\nedge_length = "15 mm"\n'
+    device = build_mesh(load(_from_file(pad_text, tmp_path, source)))
+    assert len(device.cavities) == 4
+    assert volumes(device.mesh).sum() == pytest.approx(volumes(pad).sum(), rel=2e-2)
+    path = _from_file(pad_text, tmp_path, source.replace('"mm"', '"m"'))
+    with pytest.raises(ConfigError, match="body.source: the edge length 15 mm does not suit a body of"):
+        build_mesh(load(path))
+
+
+@pytest.mark.parametrize(
+    ("constants", "shear", "lame"),
+    [
+        ('law = "neo-hookean"\nyoung = "0.6 MPa"\npoisson = 0.25', 0.24e6, 0.24e6),
+        ('law = "saint-venant-kirchhoff"\nyoung = "0.6 MPa"\npoisson = 0.25', 0.24e6, 0.24e6),
+        ('law = "corotational"\nyoung = "0.6 MPa"\npoisson = 0.25', 0.24e6, 0.24e6),
+        ('law = "mooney-rivlin"\nc10 = "80 kPa"\nc01 = "20 kPa"\nbulk = "1 MPa"', 0.2e6, 1e6 - 0.4e6 / 3),
+        ('law = "yeoh"\nc1 = "92 kPa"\nc2 = "9 kPa"\nc3 = "-1 kPa"\npoisson = 0.4', 0.184e6, 0.736e6),
+        ('law = "ogden"\nmu = ["50 kPa", "-10 kPa"]\nalpha = [2, -4]\npoisson = 0.25', 0.07e6, 0.07e6),
+    ],
+)
+def test_materials_are_as_stiff_as_their_settings_say(
+    write: Write, pad_text: str, constants: str, shear: float, lame: float
+) -> None:
+    start, end = pad_text.index("[[body.material]]"), pad_text.index("[body.fixed]")
+    config = load(write((pad_text[start:end], f"[[body.material]]\n{constants}\n")))
+    (settings,) = config.body.materials
+    (material,) = build_materials(config)
+    assert settings.shear_modulus == pytest.approx(shear)
+    assert settings.lame == pytest.approx(lame)
+    assert float(material.shear_modulus()) == pytest.approx(shear)
+    assert float(material.lame) == pytest.approx(lame)
+
+
+def _same(a: object, b: object) -> bool:
+    return jax.tree.structure(a) == jax.tree.structure(b) and all(
+        np.array_equal(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+    )
+
+
+def test_defaults_are_those_of_the_sensing_stage() -> None:
+    flow = flow_sensor(FlowSettings(type="D6F-P0001A1", channels=("a", "b")))
+    assert _same(flow, d6f_p0001a1(2))
+    lines = ["-10 mm", "0 mm", "10 mm"]
+    array = CapacitiveSettings.model_validate(
+        {
+            "type": "crossed-diamonds",
+            "row_y": lines,
+            "column_x": lines,
+            "row_depth": "2 mm",
+            "column_depth": "1 mm",
+            "row_channels": ["a", "b", "c"],
+            "column_channels": ["d", "e", "f"],
+        }
+    )
+    assert _same(electrode_array(array), capacitive_array())
+    assert _same(touch_thresholds(array), touch_detector())
+    at = jnp.array([-0.01, 0.0, 0.01])
+    assert _same(contact_peak(array, 10e-3), peak_model(at, at, 2e-3, 1e-3))
+
+
+def test_the_pads_own_values_are_those_of_its_data_sheets(write: Write) -> None:
+    sensors = build_sensors(load(write()))
+    assert _same(sensors.flow, d6f_p0001a1(4))
+    assert _same(sensors.array, capacitive_array())
+    assert _same(sensors.touch, touch_detector())
+    lines = 1e-3 * (-28 + 8 * jnp.arange(8))
+    assert _same(sensors.peak, peak_model(lines, lines, 1.5e-3, 1.0e-3))
+
+
+def test_settings_reach_the_sensors(write: Write) -> None:
+    changes = (
+        ('zero = "0.5 V"', 'zero = "1 V"'),
+        ('sensitivity = "20 V min/L"', 'sensitivity = "2 V min/L"'),
+        ('wander_time = "3 s"', 'wander_time = "3 s"\nlag_frames = 7\nhold_off = "1 s"'),
+        ("noise_counts = 8.0", "noise_counts = 4.0"),
+        ('creep_time = "60 s"', 'creep_time = "1 min"\nnegative_sigma = 3'),
+        ("near_on_sigma = 8.0", "near_on_sigma = 9"),
+        ('radius = "10 mm"', 'radius = "5 mm"'),
+        ("[estimator]", '[sensors.capacitive.peak]\ngap_sigma = "1 mm"\n\n[estimator]'),
+    )
+    sensors = build_sensors(load(write(*changes)))
+    np.testing.assert_allclose(sensors.flow.zero_V, 1.0)
+    np.testing.assert_allclose(sensors.flow.sensitivity_Vs_m3, 0.12e6)
+    assert (sensors.flow.lag, float(sensors.flow.hold_off_s)) == (7, 1.0)
+    assert [float(s.noise_counts) for s in (sensors.array, sensors.peak, sensors.touch)] == [4.0] * 3
+    assert (float(sensors.array.creep_time_s), float(sensors.array.negative_sigma)) == (60.0, 3.0)
+    assert float(sensors.touch.near_on_sigma) == 9.0
+    assert (float(sensors.peak.radius_m), float(sensors.peak.gap_sigma_m)) == (5e-3, 1e-3)
+
+
+@pytest.mark.parametrize("table", ["sensors", "contact"])
+def test_tables_that_are_needed_are_told(write: Write, pad_text: str, table: str) -> None:
+    start = pad_text.index("[contact]" if table == "contact" else "[sensors.flow]")
+    end = pad_text.index("[sensors.flow]" if table == "contact" else "[estimator]")
+    path = write((pad_text[start:end], ""))
+    with pytest.raises(ConfigError, match=rf"^{path}: {table}: missing, "):
+        build_sensors(load(path))
