@@ -3,7 +3,7 @@
     mesh < material < body < functional < equilibrium < reduction < sensing < estimation
          < calibration, design, experiment
 
-A stage imports from the left only; hardware from sensing, estimation and what is left of them; config from all
+A stage imports from the left only; hardware from sensing, estimation and their left; config from all
 but hardware and cli; cli from everything; everything may import the errors.
 """
 

@@ -1,0 +1,5 @@
+"""The command `softfuse`."""
+
+from softfuse.cli.app import main
+
+__all__ = ["main"]

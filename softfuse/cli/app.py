@@ -1,0 +1,55 @@
+"""The command `softfuse` and what all its subcommands share: precision, logs, errors in a line, exit codes.
+
+Exit codes: 0 done, 1 a fault of softfuse itself, 2 a mistake in what the user gave, 130 interrupted.
+"""
+
+import importlib.metadata
+import logging
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+from rich.logging import RichHandler
+
+from softfuse.cli.computing import prepare_jax
+from softfuse.cli.mesh import mesh
+from softfuse.cli.terminal import stderr, stdout
+from softfuse.errors import SoftfuseError
+
+app = typer.Typer(
+    help="Estimates where, how hard and into what shape a soft robot is being pushed.",
+    no_args_is_help=True,
+    pretty_exceptions_show_locals=False,
+)
+app.command()(mesh)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command of the arguments, by default those of the process, and exit.
+
+    Raises SystemExit with the exit code.
+    """
+    try:
+        app(arguments)
+    except SoftfuseError as error:
+        for line in str(error).split("\n"):
+            stderr.print(f"error: {line}", markup=False, highlight=False, soft_wrap=True)
+        raise SystemExit(2) from None
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        stdout.print(f"softfuse {importlib.metadata.version('softfuse')}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def _prepare(
+    _: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit."),
+    ] = False,
+) -> None:
+    handler = RichHandler(console=stderr, show_time=False, show_path=False, markup=False)
+    logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[handler])
+    prepare_jax()

@@ -1,0 +1,116 @@
+"""Errors in a line, exit codes, precision."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from softfuse.cli import app as application
+from softfuse.cli import main
+from softfuse.cli.terminal import tracked
+from softfuse.errors import ConfigError
+
+
+def code_of(arguments: list[str]) -> int | str | None:
+    """The exit code of a command."""
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    return caught.value.code
+
+
+@pytest.fixture
+def failing(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """An application whose command `fail` raises what FAILURE names."""
+    app = typer.Typer()
+
+    @app.callback()
+    def _prepare() -> None: ...
+
+    @app.command()
+    def fail(kind: str) -> None:
+        if kind == "interrupt":
+            raise KeyboardInterrupt
+        if kind == "mistake":
+            raise ConfigError("a.toml: body[0]: wrong [red]\na.toml: " + 30 * "long " + "end")
+        raise RuntimeError(kind)
+
+    monkeypatch.setattr(application, "app", app)
+    return monkeypatch
+
+
+@pytest.mark.usefixtures("failing")
+def test_a_mistake_is_a_line_each_and_two(capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of(["fail", "mistake"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == "error: a.toml: body[0]: wrong [red]\nerror: a.toml: " + 30 * "long " + "end\n"
+
+
+@pytest.mark.usefixtures("failing")
+def test_an_interrupt_is_130() -> None:
+    assert code_of(["fail", "interrupt"]) == 130
+
+
+@pytest.mark.usefixtures("failing")
+def test_a_fault_of_ours_is_not_hidden() -> None:
+    with pytest.raises(RuntimeError, match="broken"):
+        main(["fail", "broken"])
+
+
+@pytest.mark.parametrize("arguments", [["nonsense"], ["mesh"], ["mesh", "pad.toml", "--nonsense"]])
+def test_wrong_usage_is_two(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of(arguments) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of(["--help"]) == 0
+    assert "mesh" in capsys.readouterr().out
+    assert code_of(["--version"]) == 0
+    assert re.fullmatch(r"softfuse \d+\.\d+\.\d+\n", capsys.readouterr().out)
+
+
+def test_progress_yields_everything_and_says_nothing_without_a_terminal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert list(tracked(range(3), "counting", total=3, quiet=False)) == [0, 1, 2]
+    assert capsys.readouterr() == ("", "")
+
+
+def run_python(code: str, **environment: str) -> str:
+    """What a fresh interpreter prints."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={**kept, **environment}
+    )
+    return done.stdout.strip()
+
+
+SHOW = """
+from softfuse.cli.computing import prepare_jax
+prepare_jax()
+import jax
+print(jax.config.jax_enable_x64, jax.config.jax_compilation_cache_dir)
+"""
+
+
+def test_commands_compute_in_double_precision_and_keep_programs(tmp_path: Path) -> None:
+    kept = run_python(SHOW, XDG_CACHE_HOME=str(tmp_path), HOME=str(tmp_path), LOCALAPPDATA=str(tmp_path))
+    precise, folder = kept.split(maxsplit=1)
+    assert precise == "True"
+    assert Path(folder).is_relative_to(tmp_path) and Path(folder).is_dir()
+
+
+def test_a_folder_that_is_given_is_used(tmp_path: Path) -> None:
+    assert run_python(SHOW, JAX_COMPILATION_CACHE_DIR=str(tmp_path)) == f"True {tmp_path}"
+
+
+def test_without_a_cache_folder_nothing_is_kept(tmp_path: Path) -> None:
+    blocked = tmp_path / "file"
+    blocked.touch()
+    kept = run_python(SHOW, XDG_CACHE_HOME=str(blocked), HOME=str(blocked), LOCALAPPDATA=str(blocked))
+    assert kept == "True None"

@@ -1,0 +1,62 @@
+"""softfuse mesh."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softfuse.cli import main
+from softfuse.config import load
+from softfuse.config.build_mesh import build_mesh
+from softfuse.mesh.files import read_mesh
+
+PAD = Path(__file__).parents[2] / "configs" / "pad.toml"
+
+
+def code_of(*arguments: str | Path) -> int | str | None:
+    """The exit code of `softfuse mesh`."""
+    with pytest.raises(SystemExit) as caught:
+        main(["mesh", *map(str, arguments)])
+    return caught.value.code
+
+
+@pytest.mark.parametrize("name", ["pad.vtu", "pad.msh"])
+def test_the_file_holds_the_mesh_of_the_config(tmp_path: Path, name: str) -> None:
+    assert code_of(PAD, "--out", tmp_path / name) == 0
+    expected = build_mesh(load(PAD)).mesh
+    found = read_mesh(tmp_path / name)
+    np.testing.assert_array_equal(found.nodes, expected.nodes)
+    np.testing.assert_array_equal(found.tets, expected.tets)
+
+
+def test_the_report_tells_counts_and_quality(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of(PAD, "--out", tmp_path / "pad.vtu") == 0
+    out, err = capsys.readouterr()
+    mesh = build_mesh(load(PAD)).mesh
+    assert f"{len(mesh.nodes)}" in out and f"{len(mesh.tets)}" in out
+    assert out.count("4704.0") == 4
+    assert "volume of cavity (-,+) [mm³]" in out and "edges [mm]" in out and "mean ratio" in out
+    assert err == ""
+
+
+def test_quiet_says_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of(PAD, "--out", tmp_path / "pad.vtu", "--quiet") == 0
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("config", "out", "told"),
+    [
+        ("no.toml", "pad.vtu", "no.toml: cannot be read: No such file or directory"),
+        (str(PAD), "pad.stl", "meshes are not written as '.stl'"),
+        (str(PAD), "no/pad.vtu", "cannot be written"),
+    ],
+)
+def test_a_mistake_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], config: str, out: str, told: str
+) -> None:
+    assert code_of(config, "--out", tmp_path / out) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("error: ") and told in captured.err
+    assert captured.err.count("\n") == 1
