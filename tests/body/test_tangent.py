@@ -1,0 +1,80 @@
+"""Element tangents assemble to the Hessian of the Lagrangian, with two materials in one body."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.body import ELEMENTS, Body, lagrangian, mesh_for, residual, tangent_action
+from softfuse.material import NeoHookean, Yeoh
+from softfuse.mesh.tetmesh import TetMesh, linear, quadratic
+
+_lagrangian, _residual, _action = jax.jit(lagrangian), jax.jit(residual), jax.jit(tangent_action)
+SIZE = 0.02
+
+
+@pytest.fixture(scope="module", params=sorted(ELEMENTS))
+def case(request, box):
+    """A body of twelve curved tets and two materials, strained, with nonzero pressures."""
+    element = ELEMENTS[request.param]
+    mesh = mesh_for(element, box([np.array([0.0, 0.6, 1.0]) * SIZE, *[np.array([0.0, SIZE])] * 2]))
+    region = (mesh.nodes[mesh.tets[:, :4]].mean(axis=1)[:, 0] > 0.6 * SIZE).astype(np.int32)
+    random = np.random.default_rng(1)
+    nodes = mesh.nodes + random.uniform(-0.02, 0.02, mesh.nodes.shape) * SIZE
+    laws = [NeoHookean.from_young(6e5, 0.49), Yeoh.from_poisson(3e5, 3e4, -1e3, 0.4)]
+    body = Body.from_mesh(
+        TetMesh(nodes, mesh.tets, region),
+        laws,
+        mesh.nodes[:, 0] == 0.0,
+        element=element,
+        densities=(1000.0, 2000.0),
+        gravity=(0.0, 1.0, -9.81),
+    )
+    z = random.normal(size=body.n) * 0.03 * SIZE
+    z[body.n_displacements :] = random.normal(size=body.n - body.n_displacements)
+    return body, jnp.asarray(z)
+
+
+def test_element_tangents_assemble_to_the_hessian(case, assembled) -> None:
+    body, z = case
+    hessian = np.asarray(jax.jit(jax.hessian(lagrangian, argnums=1))(body, z))
+    np.testing.assert_allclose(assembled(body, z).toarray(), hessian, atol=1e-12 * np.abs(hessian).max())
+    assert np.linalg.norm(hessian) > 0
+
+
+def test_each_element_tangent_is_symmetric(case, tangents) -> None:
+    every = np.asarray(tangents(*case))
+    np.testing.assert_allclose(every, every.swapaxes(1, 2), atol=1e-12 * np.abs(every).max())
+
+
+def test_tangent_action_is_the_hessian(case, assembled) -> None:
+    body, z = case
+    directions = np.random.default_rng(2).normal(size=(body.n, 3))
+    expected = assembled(body, z) @ directions
+    action = _action(body, z, jnp.asarray(directions))
+    np.testing.assert_allclose(action, expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_residual_is_the_slope_of_the_lagrangian(case) -> None:
+    body, z = case
+    random = np.random.default_rng(3)
+    direction = random.normal(size=body.n) * np.where(np.arange(body.n) < body.n_displacements, SIZE, 1.0)
+    h = 1e-6
+    slope = (_lagrangian(body, z + h * direction) - _lagrangian(body, z - h * direction)) / (2 * h)
+    np.testing.assert_allclose(_residual(body, z) @ direction, slope, rtol=1e-7)
+
+
+def test_the_saddle_is_quasi_definite_at_rest(case, assembled) -> None:
+    """As many positive eigenvalues as displacements and as many negative ones as pressures."""
+    body, z = case
+    values = np.linalg.eigvalsh(assembled(body, 0.0 * z).toarray())
+    assert np.sum(values > 0) == body.n_displacements
+    assert np.sum(values < 0) == body.n - body.n_displacements
+
+
+def test_mesh_order_follows_the_element(box) -> None:
+    mesh = box([np.array([0.0, SIZE])] * 3)
+    for element in ELEMENTS.values():
+        wanted = quadratic(mesh) if element.order == 2 else linear(mesh)
+        assert mesh_for(element, mesh).tets.shape == wanted.tets.shape
+        assert mesh_for(element, quadratic(mesh)).order == element.order
