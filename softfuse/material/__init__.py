@@ -1,6 +1,23 @@
 """Strain-energy densities, one per file."""
 
 from softfuse.material.base import AbstractMaterial, lame_constants
+from softfuse.material.corotational import Corotational
+from softfuse.material.mooney_rivlin import MooneyRivlin
 from softfuse.material.neo_hookean import NeoHookean
+from softfuse.material.ogden import Ogden
+from softfuse.material.saint_venant_kirchhoff import SaintVenantKirchhoff
+from softfuse.material.silicones import SILICONES, silicone
+from softfuse.material.yeoh import Yeoh
 
-__all__ = ["AbstractMaterial", "NeoHookean", "lame_constants"]
+__all__ = [
+    "SILICONES",
+    "AbstractMaterial",
+    "Corotational",
+    "MooneyRivlin",
+    "NeoHookean",
+    "Ogden",
+    "SaintVenantKirchhoff",
+    "Yeoh",
+    "lame_constants",
+    "silicone",
+]

@@ -1,15 +1,16 @@
 """What a hyperelastic law is: W(F) = distortion(F) + λ/2 · dilatation(F)², per unit rest volume.
 
-F (3, 3) is the deformation gradient ∂x/∂X. The split serves nearly incompressible bodies: with an independent pressure p
-the volumetric term becomes p · dilatation(F) − p²/(2λ) (perturbed Lagrangian), which is exact for the same law, whatever λ.
-Sign: p > 0 is tension. Source: Bonet and Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, 2nd ed., ch. 6 and 8.
+F (3, 3) is the deformation gradient ∂x/∂X. The split serves nearly incompressible bodies: with an
+independent pressure p the volumetric term becomes p · dilatation(F) − p²/(2λ) (perturbed Lagrangian), which
+is exact for the same law, whatever λ. Sign: p > 0 is tension. Source: Bonet and Wood, Nonlinear Continuum
+Mechanics for Finite Element Analysis, 2nd ed., ch. 6 and 8.
 """
 
 from abc import abstractmethod
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 
 class AbstractMaterial(eqx.Module):
@@ -36,13 +37,19 @@ class AbstractMaterial(eqx.Module):
 
 def lame_constants(young: float, poisson: float) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Lamé's λ and μ [Pa] of Young's modulus [Pa] and Poisson's ratio [-]."""
-    young, poisson = jnp.asarray(young, float), jnp.asarray(poisson, float)
-    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
+    e, nu = jnp.asarray(young, float), jnp.asarray(poisson, float)
+    return e * nu / ((1 + nu) * (1 - 2 * nu)), e / (2 * (1 + nu))
 
 
 def first_invariant(f: Float[Array, "3 3"]) -> Float[Array, ""]:
     """I₁ = tr FᵀF of the deformation gradient f (3, 3)."""
     return jnp.sum(f * f)
+
+
+def second_invariant(f: Float[Array, "3 3"]) -> Float[Array, ""]:
+    """I₂ = ‖cof F‖² of the deformation gradient f (3, 3), a sum of squares: nothing cancels."""
+    a, b, c = f
+    return _cross_squared(a, b) + _cross_squared(b, c) + _cross_squared(c, a)
 
 
 def jacobian(f: Float[Array, "3 3"]) -> Float[Array, ""]:
@@ -51,4 +58,16 @@ def jacobian(f: Float[Array, "3 3"]) -> Float[Array, ""]:
         f[0, 0] * (f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1])
         - f[0, 1] * (f[1, 0] * f[2, 2] - f[1, 2] * f[2, 0])
         + f[0, 2] * (f[1, 0] * f[2, 1] - f[1, 1] * f[2, 0])
+    )
+
+
+def constant(value: ArrayLike) -> Array:
+    """A material constant as a float array, so that it is a leaf that can be fitted."""
+    return jnp.asarray(value, float)
+
+
+def _cross_squared(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, ""]:
+    """‖a × b‖²."""
+    return (
+        (a[1] * b[2] - a[2] * b[1]) ** 2 + (a[2] * b[0] - a[0] * b[2]) ** 2 + (a[0] * b[1] - a[1] * b[0]) ** 2
     )

@@ -27,7 +27,14 @@ from softfuse.sensing.pad import (
     pad_sensor_init,
     pad_sensor_update,
 )
-from softfuse.sensing.peak_fit import PeakFit, PeakModel, fit_peak, peak_model, peak_signal
+from softfuse.sensing.peak_fit import (
+    PeakFit,
+    PeakModel,
+    fit_peak,
+    fit_peak_of_honest,
+    peak_model,
+    peak_signal,
+)
 from softfuse.sensing.touch import (
     TouchDetector,
     TouchState,
@@ -60,6 +67,7 @@ __all__ = [
     "d6f_p0001a1",
     "electrode_image",
     "fit_peak",
+    "fit_peak_of_honest",
     "flow_evidence",
     "flow_init",
     "flow_update",

@@ -4,15 +4,16 @@ Rows and columns are chains of diamonds that tile the plane: the diamonds of a c
 rows' centre lines and the other way round, with half a diamond at both ends of every line. The response of a
 line is the integral of the cylinder's charge density (wall_field) over the line's diamonds,
 
-    s_k = (2 / (pi R0^2)) * integral over diamonds of line k of kappa(|r - r_contact|) dA,
+    f_k = (2 / (pi p^2)) * integral over the diamonds of line k of kappa(|r - r_contact|) dA,
 
-dimensionless: a cylinder of the reference radius R0 = one pitch, wholly over diamonds of which half belong to
-the lines of this direction, gives a sum of about (R / R0)^2. It is a Gauss quadrature, smooth in everything.
+dimensionless, p being the pitch: a cylinder of radius p, wholly over the array, gives about 1 in total over the
+lines of a layer, since half of the area belongs to either layer. It is a Gauss quadrature, smooth in everything.
 
 The outermost lines also collect flux that passes the array's rim and would otherwise land beyond it. It is
 modelled as a strip of width `rim` along the rim, half of which belongs to the outermost line.
 """
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -23,19 +24,33 @@ _GAUSS_POINTS = 4  # per side of a diamond: cells of 1.4 mm at 8 mm pitch, the f
 _TINY_M = 1e-7  # keeps the distance from the axis differentiable at zero
 
 
-def diamond_quadrature(
-    own_m: Float[Array, " n"], cross_m: Float[Array, " m"]
-) -> tuple[Float[Array, "n q"], Float[Array, "n q"], Float[Array, "n q"]]:
-    """Gauss points of the diamonds of parallel lines.
+class LinePoints(eqx.Module):
+    """Quadrature points of n parallel lines (q per line) and of the two strips along their rim (s per strip)."""
 
-    Args: own_m (n,) centre lines' coordinate across the lines [m], ascending; cross_m (m,) coordinate of the
-    crossing lines [m], ascending. Both at least two.
-    Returns: points' coordinate across the lines (n, q) [m], along them (n, q) [m], and areas (n, q) [m^2].
+    across_m: Float[Array, " n*q+2*s"]
+    """Coordinate across the lines [m], line by line, then the first line's strip, then the last one's."""
+    along_m: Float[Array, " n*q+2*s"]
+    """Coordinate along the lines [m]."""
+    area_m2: Float[Array, " n*q+2*s"]
+    """Area [m^2]."""
+    lines: int = eqx.field(static=True)
+    """n."""
+    rim_points: int = eqx.field(static=True)
+    """s."""
+
+
+def line_points(
+    own_m: Float[Array, " n"], cross_m: Float[Array, " m"], rim_m: Float[Array, ""]
+) -> LinePoints:
+    """Gauss points of the diamonds of parallel lines and of the strips along their rim.
+
+    Args: own_m (n,) centre lines' coordinate across the lines [m]; cross_m (m,) coordinate of the lines
+    that cross them [m]; both ascending, at least two; rim_m width of the strips [m].
     """
     gauss, weight = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
     a, b = (grid.ravel() for grid in np.meshgrid(gauss, gauss, indexing="ij"))
     w = np.outer(weight, weight).ravel()
-    half_own = 0.5 * (own_m[-1] - own_m[0]) / (own_m.shape[0] - 1)
+    half_own = 0.5 * mean_pitch(own_m)
     centre = 0.5 * (cross_m[1:] + cross_m[:-1])
     half_cross = 0.5 * (cross_m[1:] - cross_m[:-1])
     across = [jnp.tile(half_own * 0.5 * (a + b), centre.shape[0])]
@@ -48,61 +63,62 @@ def diamond_quadrature(
         along.append(apex + reach * height)
         area.append(0.5 * half_own * jnp.abs(reach) * height * w)
     relative = jnp.concatenate(across)
-    shape = (own_m.shape[0], relative.shape[0])
-    return (
-        own_m[:, None] + relative,
-        jnp.broadcast_to(jnp.concatenate(along), shape),
-        jnp.broadcast_to(jnp.concatenate(area), shape),
-    )
+    lines = own_m.shape[0]
 
-
-def rim_quadrature(
-    own_m: Float[Array, " n"], cross_m: Float[Array, " m"], rim_m: Float[Array, ""]
-) -> tuple[Float[Array, "2 q"], Float[Array, "2 q"], Float[Array, "2 q"]]:
-    """Points of the two strips along the rim whose flux the first and the last line collect.
-
-    Args: own_m (n,), cross_m (m,) as for diamond_quadrature [m]; rim_m width of the strip [m].
-    Returns: coordinate across the lines (2, q) [m], along them (2, q) [m], areas (2, q) [m^2] (half the
-    strip's).
-    """
-    gauss, weight = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
-    half_own = 0.5 * (own_m[-1] - own_m[0]) / (own_m.shape[0] - 1)
-    half_cross = 0.5 * (cross_m[-1] - cross_m[0]) / (cross_m.shape[0] - 1)
-    along = (cross_m[:, None] + half_cross * gauss).ravel()
-    area = 0.5 * rim_m * jnp.tile(half_cross * weight, cross_m.shape[0])
+    half_step = 0.5 * mean_pitch(cross_m)
+    strip_along = (cross_m[:, None] + half_step * gauss).ravel()
+    strip_area = 0.5 * rim_m * jnp.tile(half_step * weight, cross_m.shape[0])
     outside = half_own + 0.5 * rim_m
-    across = jnp.stack([own_m[0] - outside, own_m[-1] + outside])
-    shape = (2, along.shape[0])
-    return (
-        jnp.broadcast_to(across[:, None], shape),
-        jnp.broadcast_to(along, shape),
-        jnp.broadcast_to(area, shape),
+    strip = jnp.ones_like(strip_along)
+    return LinePoints(
+        across_m=jnp.concatenate(
+            [
+                (own_m[:, None] + relative).ravel(),
+                (own_m[0] - outside) * strip,
+                (own_m[-1] + outside) * strip,
+            ]
+        ),
+        along_m=jnp.concatenate([jnp.tile(jnp.concatenate(along), lines), strip_along, strip_along]),
+        area_m2=jnp.concatenate([jnp.tile(jnp.concatenate(area), lines), strip_area, strip_area]),
+        lines=lines,
+        rim_points=strip_along.shape[0],
     )
 
 
-def line_response(
-    own_m: Float[Array, " n"],
-    cross_m: Float[Array, " m"],
-    rim_m: Float[Array, ""],
-    contact_own_m: Float[Array, ""],
-    contact_cross_m: Float[Array, ""],
+def mean_pitch(line_m: Float[Array, " n"]) -> Float[Array, ""]:
+    """Mean distance of neighbouring lines: line_m (n,) ascending [m]; returns [m]."""
+    return (line_m[-1] - line_m[0]) / (line_m.shape[0] - 1)
+
+
+def _collect(points: LinePoints, charge: Float[Array, " n*q+2*s"]) -> Float[Array, " n"]:
+    """Charge of each line from the charge at its points."""
+    strips = 2 * points.rim_points
+    total = charge[:-strips].reshape(points.lines, -1).sum(axis=1)
+    rim = charge[-strips:].reshape(2, -1).sum(axis=1)
+    return total.at[0].add(rim[0]).at[-1].add(rim[1])
+
+
+def array_response(
+    rows: LinePoints,
+    columns: LinePoints,
+    location_m: Float[Array, "2"],
     radius_m: Float[Array, ""],
-    depth_m: Float[Array, ""],
-) -> Float[Array, " n"]:
-    """Response of parallel electrode lines to a grounded cylinder standing on the pad.
+    row_depth_m: Float[Array, ""],
+    column_depth_m: Float[Array, ""],
+    pitch_m: Float[Array, ""],
+) -> Float[Array, " r+c"]:
+    """Response of all lines, rows first, to a grounded cylinder standing on the pad.
 
-    Args: own_m (n,) coordinates of the lines [m]; cross_m (m,) of the lines that cross them [m]; rim_m width
-    of the strip whose flux the outermost lines collect [m]; contact_own_m, contact_cross_m coordinates of the
-    cylinder's axis across and along the lines [m]; radius_m [m]; depth_m of the lines below its bottom [m].
-    Returns: response (n,), dimensionless.
+    Args: rows, columns: points of the lines; location_m (2,) x, y of the cylinder's axis [m]; radius_m [m];
+    row_depth_m, column_depth_m depth of the layers below the cylinder's bottom [m]; pitch_m the pitch p [m].
+    Returns: response (r + c,), dimensionless.
     """
-    pitch = (own_m[-1] - own_m[0]) / (own_m.shape[0] - 1)
-
-    def charge(across, along, area):
-        rho = jnp.sqrt((across - contact_own_m) ** 2 + (along - contact_cross_m) ** 2 + _TINY_M**2)
-        return jnp.sum(area * disc_density(rho, radius_m, depth_m), axis=1)
-
-    total = charge(*diamond_quadrature(own_m, cross_m))
-    rim = charge(*rim_quadrature(own_m, cross_m, rim_m))
-    total = total.at[0].add(rim[0]).at[-1].add(rim[1])
-    return total * (2.0 / (jnp.pi * pitch**2))
+    # One evaluation for both layers: a quarter of the code to compile and to run.
+    x = jnp.concatenate([rows.along_m, columns.across_m])
+    y = jnp.concatenate([rows.across_m, columns.along_m])
+    area = jnp.concatenate([rows.area_m2, columns.area_m2])
+    split = rows.area_m2.shape[0]
+    depth = jnp.where(np.arange(area.shape[0]) < split, row_depth_m, column_depth_m)
+    rho = jnp.sqrt((x - location_m[0]) ** 2 + (y - location_m[1]) ** 2 + _TINY_M**2)
+    charge = area * disc_density(rho, radius_m, depth) * (2.0 / (jnp.pi * pitch_m**2))
+    return jnp.concatenate([_collect(rows, charge[:split]), _collect(columns, charge[split:])])

@@ -10,9 +10,10 @@ The zero V0 wanders, and an error of 1 mV integrates to 8.3 mm^3 in 10 s. It is 
 (zero_drift) while nothing touches and only predicted while something does. Tracking must not eat real flow:
 * the filter runs `lag` frames behind the readings, and when a touch is seen, the frames of the lag are
   integrated, not tracked: flow that began before the touch was recognised is not lost;
-* after a release, air flows back: nothing is tracked for `hold_off_s`, nor until the mean over the lag agrees
-  with the predicted zero within `gate_sigma` standard deviations. Only then is the integral reset to zero.
-* A zero that has truly jumped would never pass that gate: after `relearn_s` without touch the filter is
+* after a release, air flows back: the zero is tracked again, and the integral reset, when nothing has touched
+  and the mean over the lag has agreed with the predicted zero within `gate_sigma` standard deviations
+  for `hold_off_s`;
+* a zero that has truly jumped would never pass that gate: after `relearn_s` without touch the filter is
   reset.
 """
 
@@ -45,7 +46,7 @@ class FlowSensor(eqx.Module):
     drift: ZeroDrift
     """Noise model of the zero."""
     hold_off_s: Float[Array, ""]
-    """Time after a release in which the zero is not tracked [s]; at least the time of `lag` frames."""
+    """Time after touch or flow in which the zero is not tracked [s]; at least that of `lag` frames."""
     gate_sigma: Float[Array, ""]
     """Largest deviation of the lag's mean from the predicted zero that is quiet [standard deviations]."""
     relearn_s: Float[Array, ""]
@@ -68,6 +69,7 @@ class FlowState(eqx.Module):
     lost_s: Float[Array, " k"]
     saturated: Bool[Array, " k"]
     released_s: Float[Array, ""]
+    calm_s: Float[Array, " k"]
     unquiet_s: Float[Array, " k"]
     last_V: Float[Array, " k"]
     seen: Bool[Array, " k"]
@@ -156,6 +158,7 @@ def flow_init(sensor: FlowSensor) -> FlowState:
         lost_s=jnp.zeros(k),
         saturated=jnp.zeros(k, bool),
         released_s=jnp.asarray(sensor.hold_off_s),
+        calm_s=jnp.full(k, sensor.hold_off_s),
         unquiet_s=jnp.zeros(k),
         last_V=sensor.zero_V,
         seen=jnp.zeros(k, bool),
@@ -235,13 +238,12 @@ def _advance(
     sensor: FlowSensor, state: FlowState, dt_s: Float[Array, ""], touching: Bool[Array, ""]
 ) -> FlowState:
     """Move zero and integral over the oldest frame of the lag: track or integrate."""
-    released = jnp.where(touching, 0.0, state.released_s + dt_s)
-    open_ = ~touching & (released > sensor.hold_off_s)
     deviation, count = _lag_deviation(sensor, state)
-    quiet = open_ & (jnp.abs(deviation) < sensor.gate_sigma) & (2 * count >= sensor.lag)
-
-    unquiet = jnp.where(open_ & ~quiet, state.unquiet_s + dt_s, 0.0)
-    relearn = open_ & (unquiet > sensor.relearn_s)
+    flowing = jnp.abs(deviation) >= sensor.gate_sigma
+    calm = jnp.where(touching | flowing, 0.0, state.calm_s + dt_s)
+    quiet = (calm > sensor.hold_off_s) & (2 * count >= sensor.lag)
+    unquiet = jnp.where(~touching & flowing, state.unquiet_s + dt_s, 0.0)
+    relearn = unquiet > sensor.relearn_s
     prior = zero_prior(sensor.drift, sensor.zero_V)
     zero = ZeroEstimate(
         bias_V=jnp.where(relearn, prior.bias_V, state.zero.bias_V),
@@ -253,18 +255,19 @@ def _advance(
     oldest = state.lag_V[0]
     spread = jnp.sqrt(zero_variance(zero) + sensor.drift.noise_V**2)
     likely = jnp.abs(oldest - zero.bias_V - zero.wander_V) < sensor.gate_sigma * spread
-    # The frame that leaves the lag is the first of a frame's readings to be known to precede any touch.
+    # Only the frame that leaves the lag is known to precede any touch that the next frames may reveal.
     zero = observe_zero(sensor.drift, zero, oldest, quiet & likely & state.lag_usable[0] & (oldest_dt > 0))
     zero = restart_integral(zero, quiet)
     return eqx.tree_at(
-        lambda s: (s.zero, s.integral_Vs, s.lost_s, s.saturated, s.released_s, s.unquiet_s),
+        lambda s: (s.zero, s.integral_Vs, s.lost_s, s.saturated, s.released_s, s.calm_s, s.unquiet_s),
         state,
         (
             zero,
             jnp.where(quiet, 0.0, state.integral_Vs + state.lag_area_Vs[0] - zero_area),
             jnp.where(quiet, 0.0, state.lost_s + state.lag_lost_s[0]),
             ~quiet & (state.saturated | state.lag_saturated[0]),
-            released,
+            jnp.where(touching, 0.0, state.released_s + dt_s),
+            calm,
             unquiet,
         ),
     )

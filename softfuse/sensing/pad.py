@@ -21,7 +21,7 @@ from softfuse.sensing.capacitive import (
     track_baseline,
 )
 from softfuse.sensing.flow import FlowSensor, FlowState, flow_evidence, flow_init, flow_update
-from softfuse.sensing.peak_fit import PeakModel, fit_peak
+from softfuse.sensing.peak_fit import PeakModel, fit_peak_of_honest
 from softfuse.sensing.touch import TouchDetector, TouchState, touch_init, touch_strength, touch_update
 
 
@@ -41,6 +41,7 @@ class PadSensorState(eqx.Module):
     flow: FlowState
     array: ArrayState
     touch: TouchState
+    lying: Bool[Array, " e"]
 
 
 class PadMeasurement(eqx.Module):
@@ -90,6 +91,7 @@ def pad_sensor_init(sensors: PadSensors) -> PadSensorState:
         flow=flow_init(sensors.flow),
         array=array_init(electrodes),
         touch=touch_init(),
+        lying=jnp.zeros(electrodes, bool),
     )
 
 
@@ -122,11 +124,15 @@ def pad_sensor_update(
         flow_evidence(sensors.flow, state.flow),
     )
     flow_state, flow = flow_update(sensors.flow, state.flow, dt, flow_V, touch.touching)
-    location, covariance, residual, located = _locate(
-        sensors.peak, reading.signal_counts, reading.valid, touch.near
+    # An electrode found lying stays out until nothing is near, so that it is searched for once and not every frame.
+    trusted = reading.valid & ~state.lying
+    location, covariance, residual, honest, located = _locate(
+        sensors.peak, reading.signal_counts, trusted, touch.near
     )
+    lying = touch.near & (state.lying | (trusted & ~honest))
     array = track_baseline(sensors.array, state.array, dt, counts, touch.near, touch.touching)
-    return PadSensorState(time_s=now, flow=flow_state, array=array, touch=touch), PadMeasurement(
+    later = PadSensorState(time_s=now, flow=flow_state, array=array, touch=touch, lying=lying)
+    return later, PadMeasurement(
         time_s=now,
         time_valid=time_valid,
         volume_change_m3=flow.volume_change_m3,
@@ -142,13 +148,13 @@ def pad_sensor_update(
         location_valid=located,
         location_residual_counts=residual,
         signal_counts=reading.signal_counts,
-        electrode_valid=reading.valid,
+        electrode_valid=honest,
         image=electrode_image(row_signal, column_signal),
     )
 
 
 def _locate(peak: PeakModel, signal: Float[Array, " e"], valid: Bool[Array, " e"], near: Bool[Array, ""]):
-    """Location, covariance, residual and whether to believe them; no fit is run while nothing is near."""
+    """Location, covariance, residual, honest electrodes, whether to believe; no fit while nothing is near."""
     low = jnp.stack([peak.column_x_m[0], peak.row_y_m[0]])
     high = jnp.stack([peak.column_x_m[-1], peak.row_y_m[-1]])
     lines = jnp.asarray([peak.column_x_m.shape[0], peak.row_y_m.shape[0]])
@@ -157,13 +163,13 @@ def _locate(peak: PeakModel, signal: Float[Array, " e"], valid: Bool[Array, " e"
     unknown = jnp.diag((high - low) ** 2 / 12.0)
 
     def fitted():
-        fit = fit_peak(peak, signal, valid)
+        fit, honest = fit_peak_of_honest(peak, signal, valid)
         inside = jnp.all((fit.location_m > low - half_pitch) & (fit.location_m < high + half_pitch))
         certain = jnp.all(jnp.diagonal(fit.covariance_m2) < half_pitch**2)
         finite = jnp.all(jnp.isfinite(fit.location_m))
-        return fit.location_m, fit.covariance_m2, fit.residual_counts, inside & certain & finite
+        return fit.location_m, fit.covariance_m2, fit.residual_counts, honest, inside & certain & finite
 
     def absent():
-        return middle, unknown, jnp.zeros_like(middle[0]), jnp.asarray(False)
+        return middle, unknown, jnp.zeros_like(middle[0]), valid, jnp.asarray(False)
 
     return jax.lax.cond(near, fitted, absent)

@@ -5,23 +5,32 @@ one offset [counts] for the rows and one for the columns (other things that coup
 hand behind a finger), the cylinder's radius R [m] and the air gap g [m] that adds to the depth of the
 electrodes. The fit is
 
-    min_p  sum_i h((s_i - A f_i(x, y, R, d + g) - o) / sigma) + |(o, R - R0, g) / prior|^2,
+    min_p  sum_i ((s_i - A f_i(x, y, R, d + g) - o) / sigma)^2 + |(o, R - R0, g) / prior|^2,
 
-f being `diamond_array.line_response`, h Huber's function, so that one electrode that lies does not move the
-contact, and sigma^2 = noise^2 + (model_error * largest signal)^2, because the noise of the counts is far
-below what a model of the peak can promise. The profile ends where the array ends, in the measurement and in
+f being `diamond_array.array_response` and sigma^2 = noise^2 + (model_error * largest signal)^2, because the
+noise of the counts is far below what a model of the peak can promise. The profile ends where the array ends, in the measurement and in
 the model, hence no border bias. Solved by a fixed number of Levenberg-Marquardt steps.
+
+An electrode that lies (a broken trace that no longer answers, a reading that is stuck since the touch) has
+too much leverage on eight unknowns for a robust cost to help. So `fit_peak_of_honest`, when the residual is
+bad, fits anew without each electrode in turn and leaves out the one whose absence mends the fit.
 """
+
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from softfuse.sensing.diamond_array import line_response
+from softfuse.sensing.diamond_array import array_response, line_points, mean_pitch
 
-_DAMPING = 1e-3
+_DAMPING = 1.0  # of the diagonal: a start up to half a pitch off does not overshoot
 _WEAK_PRIOR = 1e-2
+_UNKNOWNS = 8
+_SHAPE = np.array([0, 1, 6, 7])  # x, y, R, g among the unknowns
+_MENDED = 0.3  # of the residual: a tenth of its square
 _LEAST_DEPTH = 0.3  # of the electrode's own depth: a negative gap means a dented pad, not a pierced one
 
 
@@ -53,8 +62,8 @@ class PeakModel(eqx.Module):
     """Standard deviation of one reading [counts]."""
     model_error: Float[Array, ""]
     """Standard deviation of the model's misfit relative to the largest signal."""
-    huber: Float[Array, ""]
-    """Residual in standard deviations above which it counts linearly."""
+    outlier: Float[Array, ""]
+    """Root mean square residual from which a lying electrode is looked for [standard deviations]."""
     iterations: int = eqx.field(static=True)
     """Number of Levenberg-Marquardt steps."""
 
@@ -78,6 +87,8 @@ class PeakFit(eqx.Module):
     """Gap beyond the nominal depth [m]."""
     residual_counts: Float[Array, ""]
     """Root mean square residual over the valid electrodes [counts]."""
+    chi_squared: Float[Array, ""]
+    """Minimum of the cost in the module's docstring."""
     step_m: Float[Array, ""]
     """Length of the last accepted step of the location [m]: tells whether the fit has converged."""
 
@@ -94,8 +105,8 @@ def peak_model(
     offset_sigma_counts: float = 100.0,
     noise_counts: float = 8.0,
     model_error: float = 0.005,
-    huber: float = 4.0,
-    iterations: int = 6,
+    outlier: float = 3.0,
+    iterations: int = 8,
 ) -> PeakModel:
     """Peak model of a crossed array in which the deeper layer collects the flux around the array's rim.
 
@@ -117,9 +128,28 @@ def peak_model(
         offset_sigma_counts=jnp.asarray(offset_sigma_counts, float),
         noise_counts=jnp.asarray(noise_counts, float),
         model_error=jnp.asarray(model_error, float),
-        huber=jnp.asarray(huber, float),
+        outlier=jnp.asarray(outlier, float),
         iterations=iterations,
     )
+
+
+def peak_response(
+    model: PeakModel,
+) -> Callable[[Float[Array, "2"], Float[Array, ""], Float[Array, ""]], Float[Array, " e"]]:
+    """Function of location (2,) [m], radius [m] and gap [m] that returns the response (r + c,) of all electrodes.
+
+    What does not depend on its arguments is computed once, here.
+    """
+    rows = line_points(model.row_y_m, model.column_x_m, model.row_rim_m)
+    columns = line_points(model.column_x_m, model.row_y_m, model.column_rim_m)
+    pitch = mean_pitch(model.row_y_m)
+
+    def response(location_m, radius_m, gap_m):
+        row_depth = jnp.maximum(model.row_depth_m + gap_m, _LEAST_DEPTH * model.row_depth_m)
+        column_depth = jnp.maximum(model.column_depth_m + gap_m, _LEAST_DEPTH * model.column_depth_m)
+        return array_response(rows, columns, location_m, radius_m, row_depth, column_depth, pitch)
+
+    return response
 
 
 def peak_signal(
@@ -136,14 +166,15 @@ def peak_signal(
     gap_m [m].
     Returns: signal (r + c,) [counts].
     """
-    x, y = location_m[0], location_m[1]
-    row_depth = jnp.maximum(model.row_depth_m + gap_m, _LEAST_DEPTH * model.row_depth_m)
-    column_depth = jnp.maximum(model.column_depth_m + gap_m, _LEAST_DEPTH * model.column_depth_m)
-    rows = line_response(model.row_y_m, model.column_x_m, model.row_rim_m, y, x, radius_m, row_depth)
-    columns = line_response(model.column_x_m, model.row_y_m, model.column_rim_m, x, y, radius_m, column_depth)
-    return jnp.concatenate(
-        [amplitude_counts[0] * rows + offset_counts[0], amplitude_counts[1] * columns + offset_counts[1]]
-    )
+    response = peak_response(model)(location_m, radius_m, gap_m)
+    layer = _layer(model)
+    return layer @ amplitude_counts * response + layer @ offset_counts
+
+
+def _layer(model: PeakModel) -> Float[Array, "e 2"]:
+    """Which electrode is a row, which a column: (r + c, 2) of ones and zeros."""
+    is_column = np.arange(model.row_y_m.shape[0] + model.column_x_m.shape[0]) >= model.row_y_m.shape[0]
+    return jnp.asarray(np.stack([~is_column, is_column], axis=1), model.row_y_m.dtype)
 
 
 def coarse_location(
@@ -181,9 +212,7 @@ def _start(model: PeakModel, signal: Float[Array, " e"], valid: Bool[Array, " e"
     rows = model.row_y_m.shape[0]
     x = coarse_location(model.column_x_m, signal[rows:], valid[rows:])
     y = coarse_location(model.row_y_m, signal[:rows], valid[:rows])
-    shape = peak_signal(
-        model, jnp.stack([x, y]), jnp.ones(2), jnp.zeros(2), model.radius_m, jnp.zeros_like(model.radius_m)
-    )
+    shape = peak_response(model)(jnp.stack([x, y]), model.radius_m, jnp.zeros_like(model.radius_m))
 
     def amplitude(f, s, v):
         f = jnp.where(v, f, 0.0)
@@ -209,15 +238,13 @@ def fit_peak(model: PeakModel, signal: Float[Array, " e"], valid: Bool[Array, " 
     # The start is a guess, not a part of the estimate: no derivative passes through it. The prior's mean of
     # the radius is a parameter, so that one does.
     start = jax.lax.stop_gradient(_start(model, signal, valid)).at[6].set(model.radius_m)
-    pitch_x = (model.column_x_m[-1] - model.column_x_m[0]) / (model.column_x_m.shape[0] - 1)
-    pitch_y = (model.row_y_m[-1] - model.row_y_m[0]) / (model.row_y_m.shape[0] - 1)
     # Unknowns in units of order one: where there is a prior, its standard deviation. The weak prior on
     # amplitude and location (a hundred units wide) only keeps the normal matrix regular when electrodes are
     # missing.
     scale = jnp.stack(
         [
-            pitch_x,
-            pitch_y,
+            mean_pitch(model.column_x_m),
+            mean_pitch(model.row_y_m),
             jnp.maximum(peak, sigma),
             jnp.maximum(peak, sigma),
             model.offset_sigma_counts,
@@ -229,31 +256,39 @@ def fit_peak(model: PeakModel, signal: Float[Array, " e"], valid: Bool[Array, " 
     mean = start / scale
     prior = jnp.asarray([_WEAK_PRIOR] * 4 + [1.0] * 4)
 
+    response = peak_response(model)
+    layer = _layer(model)
+
+    def shape(q):
+        return response(q[:2], q[2], q[3])
+
     def data_residual(z):
         p = z * scale
-        model_signal = peak_signal(model, p[:2], p[2:4], p[4:6], p[6], p[7])
-        return jnp.where(valid, (model_signal - signal) / sigma, 0.0)
+        modelled = layer @ p[2:4] * shape(p[_SHAPE]) + layer @ p[4:6]
+        return jnp.where(valid, (modelled - signal) / sigma, 0.0)
+
+    def residual_and_jacobian(z):
+        p = z * scale
+        # Amplitudes and offsets enter linearly: only the shape's four unknowns need a derivative.
+        slope, f = jax.jacfwd(lambda q: (shape(q),) * 2, has_aux=True)(p[_SHAPE])
+        gain = layer @ p[2:4]
+        modelled = gain * f + layer @ p[4:6]
+        slope = gain[:, None] * slope
+        jac = jnp.concatenate([slope[:, :2], layer * f[:, None], layer, slope[:, 2:]], axis=1) * scale
+        keep = jnp.where(valid, 1.0 / sigma, 0.0)
+        return keep * (modelled - signal), keep[:, None] * jac
 
     def prior_residual(z):
         return prior * (z - mean)
 
     def cost(r, z):
-        size = jnp.abs(r)
-        h = jnp.where(size <= model.huber, 0.5 * r**2, model.huber * (size - 0.5 * model.huber))
-        return jnp.sum(h) + 0.5 * jnp.sum(prior_residual(z) ** 2)
-
-    jacobian = jax.jacfwd(data_residual)
-
-    def normal(r, jac):
-        weight = jnp.minimum(1.0, model.huber / jnp.maximum(jnp.abs(r), model.huber))
-        return (jac.T * weight) @ jac + jnp.diag(prior**2), weight
+        return jnp.sum(r**2) + jnp.sum(prior_residual(z) ** 2)
 
     def step(carry, _):
         z, damping, last = carry
-        r = data_residual(z)
-        jac = jacobian(z)
-        matrix, weight = normal(r, jac)
-        gradient = jac.T @ (weight * r) + prior * prior_residual(z)
+        r, jac = residual_and_jacobian(z)
+        matrix = jac.T @ jac + jnp.diag(prior**2)
+        gradient = jac.T @ r + prior * prior_residual(z)
         delta = -jnp.linalg.solve(matrix + damping * jnp.diag(jnp.diag(matrix)), gradient)
         trial = z + delta
         better = cost(data_residual(trial), trial) <= cost(r, z)
@@ -264,14 +299,27 @@ def fit_peak(model: PeakModel, signal: Float[Array, " e"], valid: Bool[Array, " 
             jnp.where(better, moved, last),
         ), None
 
-    first = (mean, jnp.asarray(_DAMPING, scale.dtype), jnp.asarray(jnp.inf, scale.dtype))
-    (z, _, moved), _ = jax.lax.scan(step, first, None, length=model.iterations)
+    def minimise(_, start_z):
+        first = (start_z, jnp.asarray(_DAMPING, scale.dtype), jnp.asarray(jnp.inf, scale.dtype))
+        (z, _, moved), _ = jax.lax.scan(step, first, None, length=model.iterations)
+        return z, moved
+
+    # Derivatives come from the implicit function theorem at the minimum, not from the steps that led there.
+    z, moved = jax.lax.custom_root(
+        jax.grad(lambda z: 0.5 * cost(data_residual(z), z)),
+        jax.lax.stop_gradient(mean),
+        minimise,
+        lambda linear, rhs: jnp.linalg.solve(jax.jacfwd(linear)(rhs), rhs),
+        has_aux=True,
+    )
     p = z * scale
-    r = data_residual(z)
-    matrix, _ = normal(r, jac := jacobian(z))
-    inverse = jnp.linalg.inv(matrix) * scale[:, None] * scale[None, :]
+    r, jac = residual_and_jacobian(z)
+    inverse = jnp.linalg.inv(jac.T @ jac + jnp.diag(prior**2)) * scale[:, None] * scale[None, :]
     gain = (inverse[:2] / scale) @ jac.T * (model.noise_counts / sigma)
     count = jnp.maximum(jnp.sum(valid), 1)
+    # A misfit beyond the expected one widens the covariance in proportion (Birge's ratio).
+    least = cost(r, z)
+    inverse = inverse * jnp.maximum(1.0, least / jnp.maximum(jnp.sum(valid) - _UNKNOWNS, 1))
     return PeakFit(
         location_m=p[:2],
         covariance_m2=inverse[:2, :2],
@@ -281,5 +329,30 @@ def fit_peak(model: PeakModel, signal: Float[Array, " e"], valid: Bool[Array, " 
         radius_m=p[6],
         gap_m=jnp.maximum(p[7], (_LEAST_DEPTH - 1.0) * model.column_depth_m),
         residual_counts=jnp.sqrt(jnp.sum(r**2) / count) * sigma,
+        chi_squared=least,
         step_m=moved,
     )
+
+
+def fit_peak_of_honest(
+    model: PeakModel, signal: Float[Array, " e"], valid: Bool[Array, " e"]
+) -> tuple[PeakFit, Bool[Array, " e"]]:
+    """Fit a cylinder to all electrodes but one that lies, if one does.
+
+    Args: signal (r + c,) counts above the baseline, rows first; valid (r + c,).
+    Returns: PeakFit and honest (r + c,): valid without the electrode left out. One is left out only where the
+    misfit exceeds `outlier` and falls to less than a tenth without it, so that an unusual finger loses none.
+    """
+    whole = fit_peak(model, signal, valid)
+    bad = whole.chi_squared > model.outlier**2 * jnp.maximum(jnp.sum(valid), 1)
+
+    def search():
+        without = valid & ~jnp.eye(signal.shape[0], dtype=bool)
+        fits = jax.vmap(lambda v: fit_peak(model, signal, v))(without)
+        error = jnp.where(valid, fits.residual_counts, jnp.inf)
+        best = jnp.argmin(error)
+        mends = error[best] < _MENDED * whole.residual_counts
+        chosen = jax.tree.map(lambda one, all_: jnp.where(mends, one[best], all_), fits, whole)
+        return chosen, jnp.where(mends, without[best], valid)
+
+    return jax.lax.cond(bad, search, lambda: (whole, valid))

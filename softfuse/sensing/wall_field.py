@@ -43,13 +43,13 @@ def _wall_density_jvp(primals, tangents):
 
 
 def disc_density(
-    rho_m: Float[Array, "..."], radius_m: Float[Array, ""], depth_m: Float[Array, ""]
-) -> Float[Array, "..."]:
+    rho_m: Float[Array, " n"], radius_m: Float[Array, ""], depth_m: Float[Array, " n"]
+) -> Float[Array, " n"]:
     """Relative charge density at a distance from the axis of a grounded cylinder that stands over the plane.
 
-    Args: rho_m (...) distance from the axis [m], > 0; radius_m of the cylinder [m]; depth_m of the plane
+    Args: rho_m (n,) distance from the axis [m], > 0; radius_m of the cylinder [m]; depth_m (n,) of the plane
     below its bottom [m].
-    Returns: density (...) relative to eps V / depth, dimensionless.
+    Returns: density (n,) relative to eps V / depth, dimensionless.
     """
     fringe = wall_density(0.5 * jnp.pi * (rho_m - radius_m) / depth_m)
     return fringe * jnp.where(rho_m > radius_m, radius_m / rho_m, 1.0)

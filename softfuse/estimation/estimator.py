@@ -1,0 +1,120 @@
+"""Frame after frame: sensor readings in, contact location, force and shape out.
+
+The two jitted pieces, sensors and `estimate_step`, are compiled ahead and never again. Between frames this file decides whether the factor of
+the tangent is renewed: when the step found that a refinement shrinks the error of its linear solves by less than `refresh_contraction`. While
+nothing touches, the body rests and the factor at rest serves. Nothing here is timed or threaded; `hardware` does that.
+"""
+
+import time
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from softfuse.body.body import element_tangents
+from softfuse.errors import SolveError
+from softfuse.estimation.device import Device
+from softfuse.estimation.step import Limits, Observation, StepReport, estimate_step
+from softfuse.equilibrium.solution import State
+
+
+@dataclass(frozen=True)
+class StepSettings:
+    """How the steps are run: `steps_per_frame` linearisations, each with `refinements` of its linear solves.
+
+    `refresh_contraction` [-]: a first refinement that is not smaller than this part of the solution makes the factor be renewed;
+    `least_volume_ratio` [-]: a state that squeezes an element below this is given up and the body starts from rest.
+    """
+
+    steps_per_frame: int = 1
+    refinements: int = 2
+    refresh_contraction: float = 0.25
+    least_volume_ratio: float = 0.05
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What one frame says: forces (c,) [N], the shape as unknowns z (n,), modelled volume changes (k,) [m³] and the step's report.
+
+    `renewed`: the factor was renewed for this frame; `lost`: the state was given up, forces are 0; `latency_s`: wall time from call to return.
+    """
+
+    force: Float[np.ndarray, " c"]
+    z: Float[Array, " n"]
+    misfit: Float[np.ndarray, " k"]
+    report: StepReport
+    renewed: bool
+    lost: bool
+    latency_s: float
+
+
+class Estimator:
+    """Follows the state of one device through observations; compiled when made."""
+
+    def __init__(self, device: Device, limits: Limits, settings: StepSettings = StepSettings()):
+        """Compile the step for the number of contacts that `limits` has. Raises SolveError when the body's tangent at rest is singular."""
+        self.device, self.limits, self.settings = device, limits, settings
+        self.contacts = limits.force.shape[0]
+        self._rest = device.rest_state(self.contacts)
+        arrays, static = eqx.partition((device, limits), eqx.is_array)
+        self._arrays = arrays
+
+        def factor(arrays, z):
+            device, _ = eqx.combine(arrays, static)
+            return device.linear.factor(element_tangents(device.body, z))
+
+        def step(arrays, factor, state, seen):
+            device, limits = eqx.combine(arrays, static)
+            return estimate_step(device, limits, factor, state, seen, refinements=settings.refinements)
+
+        started = time.perf_counter()
+        self._factor = jax.jit(factor).lower(arrays, self._rest.z).compile()
+        self._rest_factor = self._factor(arrays, self._rest.z)
+        if not all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(self._rest_factor)):
+            raise SolveError("the body's stiffness at rest is singular: fix more nodes, or mend materials and mesh")
+        k = len(device.cavities)
+        seen = Observation(jnp.zeros(k), jnp.zeros(k), jnp.zeros((self.contacts, 3)))
+        self._step = jax.jit(step).lower(arrays, self._rest_factor, self._rest, seen).compile()
+        self.compile_s = time.perf_counter() - started
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the body rests, nothing presses."""
+        self._state, self._tangent = self._rest, self._rest_factor
+        self._renew = False
+
+    @property
+    def state(self) -> State:
+        """The state after the last frame."""
+        return self._state
+
+    def update(self, seen: Observation) -> Estimate:
+        """Advance by one frame's observation; never raises for what it contains."""
+        started = time.perf_counter()
+        renewed = self._renew
+        if renewed:
+            self._tangent = self._factor(self._arrays, self._state.z)
+        state, report = self._state, None
+        for _ in range(self.settings.steps_per_frame):
+            state, report = self._step(self._arrays, self._tangent, state, seen)
+        assert report is not None
+        contraction, least = float(report.contraction), float(report.least_volume_ratio)
+        lost = not (least > self.settings.least_volume_ratio and np.isfinite(contraction))
+        if lost:
+            self.reset()
+        else:
+            self._state = state
+            # A factor that was just made and still contracts badly would not get better by making it again.
+            self._renew = contraction > self.settings.refresh_contraction and not renewed
+        return Estimate(
+            np.asarray(self._state.force()),
+            self._state.z,
+            np.asarray(report.misfit),
+            report,
+            renewed,
+            lost,
+            time.perf_counter() - started,
+        )

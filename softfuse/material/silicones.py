@@ -1,0 +1,36 @@
+"""Yeoh constants of common casting silicones, from uniaxial tension to failure.
+
+They follow the tests to within 3 % from 50 % to 200 % strain; far beyond, c₃ < 0 makes them too soft. Other
+sources differ by a factor of two (cure, batch, Mullins softening): calibrate every device.
+Source: Marechal et al., Toward a Common Framework and Database of Materials for Soft Robotics, Soft Robotics 8
+(2021) 284, and its tensile tests (github.com/LucMarechal/Soft-Robotics-Materials-Database).
+"""
+
+from types import MappingProxyType
+
+from softfuse.errors import ConfigError
+from softfuse.material.yeoh import Yeoh
+
+SILICONES = MappingProxyType(
+    {
+        "ecoflex 00-30": (7.73e3, 0.140e3, -0.004e3),
+        "ecoflex 00-50": (10.4e3, 0.349e3, -0.011e3),
+        "dragon skin 10": (21.6e3, 3.04e3, -0.112e3),
+        "dragon skin 20": (63.6e3, 7.45e3, -0.295e3),
+        "dragon skin 30": (92.0e3, 9.09e3, -0.364e3),
+    }
+)
+"""Name in lower case to (c1, c2, c3) [Pa]."""
+
+
+def silicone(name: str, poisson: float) -> Yeoh:
+    """The Yeoh law of a silicone by its trade name, with a Poisson's ratio [-].
+
+    Raises ConfigError when the name is not in `SILICONES`.
+    """
+    constants = SILICONES.get(name.lower())
+    if constants is None:
+        raise ConfigError(
+            f"silicone {name!r} is not known: give one of {', '.join(SILICONES)}, or its constants"
+        )
+    return Yeoh.from_poisson(*constants, poisson)

@@ -1,0 +1,42 @@
+"""Compressible Yeoh solid: W = c₁ x + c₂ x² + c₃ x³ + λ/2 (ln J)², with x = I₁ − 3 − 2 ln J ≥ 0.
+
+At J = 1, x = I₁ − 3 and this is Yeoh's law. −2 ln J removes the stress of I₁ at rest; since x is of second
+order in the strain, c₂ and c₃ change neither the stress nor the stiffness at rest: μ = 2 c₁ and Lamé's λ is
+exactly λ. With c₃ < 0 the stress falls again beyond the stretch where c₁ + 2 c₂ x + 3 c₃ x² = 0: such
+constants are valid below it only.
+Source: Yeoh, Rubber Chem. Technol. 66 (1993) 754.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from softfuse.material.base import AbstractMaterial, constant, first_invariant, jacobian, lame_constants
+
+
+class Yeoh(AbstractMaterial):
+    """Yeoh law of constants `c1`, `c2`, `c3` [Pa] and Lamé's λ `lame` [Pa]."""
+
+    c1: Float[Array, ""] = eqx.field(converter=constant)
+    c2: Float[Array, ""] = eqx.field(converter=constant)
+    c3: Float[Array, ""] = eqx.field(converter=constant)
+    lame: Float[Array, ""] = eqx.field(converter=constant)
+
+    @classmethod
+    def from_poisson(cls, c1: float, c2: float, c3: float, poisson: float) -> "Yeoh":
+        """The law of constants c1, c2, c3 [Pa] whose small strains have the Poisson's ratio [-]."""
+        lame, _ = lame_constants(4.0 * c1 * (1.0 + poisson), poisson)
+        return cls(c1, c2, c3, lame)
+
+    def distortion(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
+        """c₁ x + c₂ x² + c₃ x³ [J/m³] at the deformation gradient f (3, 3)."""
+        x = first_invariant(f) - 3.0 - 2.0 * jnp.log(jacobian(f))
+        return x * (self.c1 + x * (self.c2 + x * self.c3))
+
+    def dilatation(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
+        """ln J [-] at the deformation gradient f (3, 3)."""
+        return jnp.log(jacobian(f))
+
+    def shear_modulus(self) -> Float[Array, ""]:
+        """2 c₁ [Pa]."""
+        return 2.0 * self.c1
