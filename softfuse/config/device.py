@@ -27,7 +27,7 @@ class CavitySettings(Settings):
 
 
 class EstimatorSettings(Settings):
-    """Estimate step: linearisations per frame, ε of ε‖Δλ‖² in the cost, and how many contacts at most."""
+    """Estimate step: linearisations per frame, ε [1/N²] of ε‖ΔF‖² in the cost, contacts at most."""
 
     steps_per_frame: PositiveInteger = 1
     regularisation: Annotated[Number, Ge(0)] = 1e-6
