@@ -1,8 +1,11 @@
 """A soft body: rest shape, materials, fixed nodes, and the equilibrium equations that follow from its energy.
 
-Unknowns z (n,): free displacement components [m], node by node, then pressures in units of `pressure_unit` (Taylor-Hood).
-The Lagrangian is L(z) = Σ_e Σ_q w density(F, p) − ∫ ρ g·u dV; residual r = ∂L/∂z, tangent K = ∂²L/∂z². At rest K = [[A, B], [Bᵀ, −C]].
-Everything numeric is an array leaf, so the residual can be differentiated with respect to materials and rest nodes too.
+Unknowns z (n,): free displacement components [m], node by node, then pressures in units of `pressure_unit`
+(Taylor-Hood).
+The Lagrangian is L(z) = Σ_e Σ_q w density(F, p) − ∫ ρ g·u dV; residual r = ∂L/∂z, tangent K = ∂²L/∂z². At
+rest K = [[A, B], [Bᵀ, −C]].
+Everything numeric is an array leaf, so the residual can be differentiated with respect to materials and rest
+nodes too.
 """
 
 from collections.abc import Sequence
@@ -50,17 +53,21 @@ class Body(eqx.Module):
     ) -> "Body":
         """A body on a mesh whose nodes are those of the element's order (`nodes_for` gives such a mesh).
 
-        `materials`: one for each region 0, 1, ... of the mesh; `fixed` (k,): nodes that cannot move; `densities` [kg/m³]: one
-        a region, 0 where not given; `gravity` [m/s²]. Raises MeshError where mesh, regions and fixed nodes do not fit.
+        `materials`: one for each region 0, 1, ... of the mesh; `fixed` (k,): nodes that cannot move;
+        `densities` [kg/m³]: one
+        a region, 0 where not given; `gravity` [m/s²]. Raises MeshError where mesh, regions and fixed nodes
+        do not fit.
         """
         if mesh.order != element.order:
             raise MeshError(
-                f"a {element.name} body needs a mesh of order {element.order}, this one has {mesh.order}: use mesh_for"
+                f"a {element.name} body needs a mesh of order {element.order}, "
+                f"this one has {mesh.order}: use mesh_for"
             )
         regions = np.unique(mesh.region)
         if regions.min() < 0 or regions.max() >= len(materials):
             raise MeshError(
-                f"mesh has material regions {regions.tolist()}, but {len(materials)} materials are given: name one for each"
+                f"mesh has material regions {regions.tolist()}, "
+                f"but {len(materials)} materials are given: name one for each"
             )
         if len(fixed) != len(mesh.nodes):
             raise MeshError(
@@ -73,21 +80,22 @@ class Body(eqx.Module):
         free = np.repeat(~np.asarray(fixed)[:, None], 3, axis=1)
         n_displacements = int(free.sum())
         index = np.cumsum(free.ravel()).reshape(-1, 3) - 1
-        unknowns = [index[tets].reshape(len(tets), -1)]
         n = n_displacements
+        pressures = np.zeros((len(tets), 0), np.int64)
         if element.pressures:
             # The pressure jumps where the material changes, so nodes shared by two regions get one for each.
             key = tets[:, : element.pressures].astype(np.int64) * len(materials) + region[:, None]
             unique, place = np.unique(key, return_inverse=True)
-            unknowns.append(n + place.reshape(key.shape))
+            pressures = n + place.reshape(key.shape)
             n += len(unique)
         index = np.where(free, index, n)
-        unknowns[0] = index[tets].reshape(len(tets), -1)
+        unknowns = np.concatenate([index[tets].reshape(len(tets), -1), pressures], axis=1)
         gradients, weights = shape_gradients(element, jnp.asarray(mesh.nodes[tets]))
         worst = np.unravel_index(int(jnp.argmin(weights)), weights.shape)
         if not float(weights[worst]) > 0:
             raise MeshError(
-                f"tet {order[worst[0]]} is turned inside out at a quadrature point: straighten its edges or remesh"
+                f"tet {order[worst[0]]} is turned inside out at a quadrature point: "
+                "straighten its edges or remesh"
             )
         stiffness = jnp.mean(jnp.stack([jnp.asarray(m.shear_modulus(), float) for m in materials]))
         return cls(
@@ -100,7 +108,7 @@ class Body(eqx.Module):
             gravity=jnp.asarray(gravity, float),
             pressure_unit=jax.lax.stop_gradient(stiffness),
             displacement_index=jnp.asarray(index, jnp.int32),
-            element_unknowns=jnp.asarray(np.concatenate(unknowns, axis=1), jnp.int32),
+            element_unknowns=jnp.asarray(unknowns, jnp.int32),
             element=element,
             counts=tuple(int(np.sum(region == r)) for r in range(len(materials))),
             n_displacements=n_displacements,
@@ -144,7 +152,9 @@ def _strains(body: Body, z: Float[Array, " n"]) -> tuple[Float[Array, "e q 3 3"]
 
 
 def _by_region(body: Body, function, *fields: Array) -> Array:
-    """Apply function(material, *field values) at all quadrature points, region by region, and join the results."""
+    """Apply function(material, *field values) at all quadrature points, region by region, and join the
+    results.
+    """
     over_points = jax.vmap(jax.vmap(function, (None, *(0 for _ in fields))), (None, *(0 for _ in fields)))
     parts, start = [], 0
     for material, count in zip(body.materials, body.counts, strict=True):
@@ -154,7 +164,9 @@ def _by_region(body: Body, function, *fields: Array) -> Array:
 
 
 def lagrangian(body: Body, z: Float[Array, " n"]) -> Float[Array, ""]:
-    """L(z) [J] of the unknowns z (n,): strain energy (perturbed by the pressure) minus the work of gravity."""
+    """L(z) [J] of the unknowns z (n,): strain energy (perturbed by the pressure) minus the work of
+    gravity.
+    """
     density = _by_region(body, body.element.density, *_strains(body, z))
     mass = jnp.repeat(body.densities, np.array(body.counts), total_repeat_length=len(body.tets))
     u = body.displacement(z)[body.tets]
@@ -168,7 +180,9 @@ def residual(body: Body, z: Float[Array, " n"]) -> Float[Array, " n"]:
 
 
 def element_tangents(body: Body, z: Float[Array, " n"]) -> Float[Array, "e d d"]:
-    """Second derivatives (e, d, d) of every element's energy in the order of `element_unknowns`: Σ_q w Bᵀ (∂²density/∂h²) B."""
+    """Second derivatives (e, d, d) of every element's energy in the order of `element_unknowns`: Σ_q w Bᵀ
+    (∂²density/∂h²) B.
+    """
     mixed = body.element.pressures > 0
     size = 10 if mixed else 9
 

@@ -1,8 +1,12 @@
-"""Three finite elements on tetrahedra: linear, quadratic, and Taylor-Hood (quadratic displacement, continuous linear pressure).
+"""Three finite elements on tetrahedra: linear, quadratic, and Taylor-Hood (quadratic displacement,
+continuous linear pressure).
 
-An element's generalised strain at a quadrature point is h = (F, p): the deformation gradient F = I + Σ u_a ⊗ ∇N_a and, for
-Taylor-Hood, the pressure p = Σ p_a L_a. Its density is W(F) or, for Taylor-Hood, the perturbed Lagrangian W_d(F) + p θ(F) − p²/(2λ),
-whose saddle point is the solution. Linear and quadratic displacement elements lock or drift for ν near 0.5; Taylor-Hood does not.
+An element's generalised strain at a quadrature point is h = (F, p): the deformation gradient F = I + Σ u_a ⊗
+∇N_a and, for
+Taylor-Hood, the pressure p = Σ p_a L_a. Its density is W(F) or, for Taylor-Hood, the perturbed Lagrangian
+W_d(F) + p θ(F) − p²/(2λ),
+whose saddle point is the solution. Linear and quadratic displacement elements lock or drift for ν near 0.5;
+Taylor-Hood does not.
 Source: Boffi, Brezzi and Fortin, Mixed Finite Element Methods and Applications, 2013, ch. 8.
 """
 
@@ -37,7 +41,9 @@ def mixed_density(
 
 @dataclass(frozen=True)
 class Element:
-    """One finite element: `nodes` displacement nodes, `pressures` pressure nodes (the corners), and its quadrature."""
+    """One finite element: `nodes` displacement nodes, `pressures` pressure nodes (the corners), and its
+    quadrature.
+    """
 
     name: str
     order: int
@@ -51,7 +57,9 @@ class Element:
 
     @property
     def local_nodes(self) -> np.ndarray:
-        """The local node (d,) that each of the element's unknowns sits on: displacements node by node, then pressures."""
+        """The local node (d,) that each of the element's unknowns sits on: displacements node by node, then
+        pressures.
+        """
         return np.concatenate([np.repeat(np.arange(self.nodes), 3), np.arange(self.pressures)])
 
 

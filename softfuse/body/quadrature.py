@@ -1,6 +1,7 @@
 """Quadrature on the reference tetrahedron and triangle, in barycentric coordinates; weights sum to 1.
 
-Sources: Keast, Comput. Methods Appl. Mech. Eng. 55, 1986 (tetrahedra); Dunavant, Int. J. Numer. Methods Eng. 21, 1985 (triangles).
+Sources: Keast, Comput. Methods Appl. Mech. Eng. 55, 1986 (tetrahedra); Dunavant, Int. J. Numer. Methods Eng.
+21, 1985 (triangles).
 """
 
 import numpy as np

@@ -1,7 +1,9 @@
 """Shape functions of linear and quadratic simplices in barycentric coordinates.
 
-A quadratic simplex has its corners first, then the middles of its edges, in the order of `softfuse.mesh.tetmesh.EDGES`:
-N_i = L_i (2 L_i − 1) at corners and N_ij = 4 L_i L_j on edges. Source: Zienkiewicz and Taylor, The Finite Element Method, vol. 1, ch. 8.
+A quadratic simplex has its corners first, then the middles of its edges, in the order of
+`softfuse.mesh.tetmesh.EDGES`:
+N_i = L_i (2 L_i − 1) at corners and N_ij = 4 L_i L_j on edges. Source: Zienkiewicz and Taylor, The Finite
+Element Method, vol. 1, ch. 8.
 """
 
 import jax.numpy as jnp
@@ -13,14 +15,15 @@ from softfuse.mesh.tetmesh import EDGES
 TRIANGLE_EDGES = np.array([(0, 1), (1, 2), (2, 0)])
 
 
-def linear(barycentric: Float[Array, "... d"]) -> Float[Array, "... d"]:
+def linear(barycentric: Array | np.ndarray) -> Float[Array, "... d"]:
     """Values of the linear shape functions: the barycentric coordinates (..., d) themselves."""
-    return barycentric
+    return jnp.asarray(barycentric)
 
 
-def quadratic(barycentric: Float[Array, "... d"]) -> Float[Array, "... a"]:
+def quadratic(barycentric: Array | np.ndarray) -> Float[Array, "... a"]:
     """Values (..., a) of the quadratic shape functions at barycentric coordinates (..., d), d = 3 or 4."""
     edges = TRIANGLE_EDGES if barycentric.shape[-1] == 3 else EDGES
+    barycentric = jnp.asarray(barycentric)
     corners = barycentric * (2 * barycentric - 1)
     middles = 4 * barycentric[..., edges[:, 0]] * barycentric[..., edges[:, 1]]
     return jnp.concatenate([corners, middles], axis=-1)
@@ -33,7 +36,9 @@ def linear_slopes(barycentric: np.ndarray) -> np.ndarray:
 
 
 def quadratic_slopes(barycentric: np.ndarray) -> np.ndarray:
-    """∂N_a/∂L_i (q, a, d) of the quadratic shape functions at barycentric points (q, d), each L_i taken as independent."""
+    """∂N_a/∂L_i (q, a, d) of the quadratic shape functions at barycentric points (q, d), each L_i taken as
+    independent.
+    """
     q, d = barycentric.shape
     edges = TRIANGLE_EDGES if d == 3 else EDGES
     slopes = np.zeros((q, d + len(edges), d))

@@ -1,6 +1,8 @@
-"""Element tangents to one sparse symmetric matrix: K = Σ_e P_eᵀ k_e P_e, on a pattern that depends on the mesh alone.
+"""Element tangents to one sparse symmetric matrix: K = Σ_e P_eᵀ k_e P_e, on a pattern that depends on the
+mesh alone.
 
-Which entries of which elements add up to a nonzero is sorted once, so that assembling values is one gather and one
+Which entries of which elements add up to a nonzero is sorted once, so that assembling values is one gather
+and one
 sum over sorted segments. Constrained unknowns (index n) are dropped.
 """
 
@@ -14,7 +16,9 @@ from softfuse.body.body import Body
 
 
 class Pattern(eqx.Module):
-    """The nonzeros `rows`, `columns` (z,) of an n × n matrix, sorted by row, then column, and where they come from."""
+    """The nonzeros `rows`, `columns` (z,) of an n × n matrix, sorted by row, then column, and where they
+    come from.
+    """
 
     rows: Int[Array, " z"]
     columns: Int[Array, " z"]

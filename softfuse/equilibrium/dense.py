@@ -1,4 +1,5 @@
-"""Dense solution of K x = b by LU with partial pivoting: for bodies of some hundred unknowns, and as the reference in tests.
+"""Dense solution of K x = b by LU with partial pivoting: for bodies of some hundred unknowns, and as the
+reference in tests.
 
 Time grows as n³ and memory as n². A singular matrix gives infinities or NaN.
 """

@@ -1,9 +1,12 @@
-"""Nested dissection of a mesh: in which order the tangent's unknowns are eliminated, and in which dense fronts.
+"""Nested dissection of a mesh: in which order the tangent's unknowns are eliminated, and in which dense
+fronts.
 
 The elements are halved again and again by planes; the nodes that two halves share (a separator) are
 eliminated after both halves. Eliminating a subdomain's own unknowns couples the unknowns on its border only,
-so every elimination is a small dense *front* [[D, U], [Uᵀ, B]] of `pivots` and `border`, and what is left of it, the Schur complement B − UᵀD⁻¹U, is
-added into the parent's front. No sparse matrix is ever assembled. Source of the idea: George, SIAM J. Numer. Anal. 10(2), 1973 (dissection);
+so every elimination is a small dense *front* [[D, U], [Uᵀ, B]] of `pivots` and `border`, and what is left of
+it, the Schur complement B − UᵀD⁻¹U, is
+added into the parent's front. No sparse matrix is ever assembled. Source of the idea: George, SIAM J. Numer.
+Anal. 10(2), 1973 (dissection);
 Duff and Reid, ACM TOMS 9(3), 1983 (multifrontal elimination). Everything here is numpy and runs once a mesh.
 """
 
@@ -17,7 +20,9 @@ _BUCKET_SLACK = 1.5  # fronts whose sizes differ by less than this share one pad
 
 @dataclass
 class Front:
-    """One elimination: `pivots` and `border` are unknowns, `children` other fronts, `elements` those assembled here."""
+    """One elimination: `pivots` and `border` are unknowns, `children` other fronts, `elements` those
+    assembled here.
+    """
 
     pivots: np.ndarray
     border: np.ndarray
@@ -145,8 +150,10 @@ def dissect(
 ) -> list[Batch]:
     """Plan the elimination of `n` unknowns that elements couple.
 
-    `element_unknowns` (e, d): the element's unknowns, `n` where constrained; `owner` (d,): the local node that each sits on;
-    `element_nodes` (e, a): node indices; `nodes` (k, 3) m: positions that planes cut through; `leaf_unknowns`: subdomains of at most so many own unknowns
+    `element_unknowns` (e, d): the element's unknowns, `n` where constrained; `owner` (d,): the local node
+    that each sits on;
+    `element_nodes` (e, a): node indices; `nodes` (k, 3) m: positions that planes cut through;
+    `leaf_unknowns`: subdomains of at most so many own unknowns
     are not halved further. Returns the batches of fronts, each batch after those of its children.
     """
     centroids = nodes[element_nodes].mean(axis=1)

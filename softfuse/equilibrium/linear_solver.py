@@ -1,6 +1,7 @@
 """One interface for K x = b: plan once a body, factor a tangent, solve with the factor as often as needed.
 
-`tangent_inverse` makes an exact differentiable solve of any factor, also a stale one: the factor preconditions,
+`tangent_inverse` makes an exact differentiable solve of any factor, also a stale one: the factor
+preconditions,
 the body's own tangent action corrects. Source for the split: lineax' linear solvers.
 """
 
@@ -26,7 +27,9 @@ class AbstractLinearSolver(eqx.Module):
 
     @abstractmethod
     def factor(self, element_tangents: Float[Array, "e d d"]) -> PyTree[Array]:
-        """Factor of the matrix that element tangents (e, d, d) assemble to; NaN where that matrix is singular."""
+        """Factor of the matrix that element tangents (e, d, d) assemble to; NaN where that matrix is
+        singular.
+        """
 
     @abstractmethod
     def solve(self, factor: PyTree[Array], rhs: Float[Array, "n c"]) -> Float[Array, "n c"]:
@@ -43,7 +46,8 @@ def tangent_inverse(
 ) -> Solve:
     """The map b (n, c) ↦ K(z)⁻¹ b, differentiable in b, z and body to any order and in both modes.
 
-    With a factor of K(z) itself no refinement is needed; with one of a nearby tangent each reduces the error by the factor's
+    With a factor of K(z) itself no refinement is needed; with one of a nearby tangent each reduces the error
+    by the factor's
     distance ‖1 − F⁻¹K‖. Implicit differentiation of K x = b: ẋ = K⁻¹(ḃ − K̇ x).
     """
     factor = jax.lax.stop_gradient(factor)

@@ -1,7 +1,9 @@
 """Sparse direct solution of K x = b for symmetric quasi-definite K, as dense linear algebra inside jit.
 
-K = [[A, B], [Bᵀ, −C]] with A and C positive definite can be eliminated in any symmetric order without pivoting
-across fronts (Vanderbei, SIAM J. Optim. 5(1), 1995), so the order is chosen for sparsity alone (`dissection`). Each front keeps
+K = [[A, B], [Bᵀ, −C]] with A and C positive definite can be eliminated in any symmetric order without
+pivoting
+across fronts (Vanderbei, SIAM J. Optim. 5(1), 1995), so the order is chosen for sparsity alone
+(`dissection`). Each front keeps
 D⁻¹ (s, s) and G = D⁻¹U (s, t); with them a solve is two sweeps of batched matrix products:
 upward b_border −= Gᵀ b_pivots, downward x_pivots = D⁻¹ b_pivots − G x_border.
 A singular front gives NaN, which the caller reads as a result code.
@@ -42,7 +44,9 @@ class Factor(eqx.Module):
 
 
 class Multifrontal(AbstractLinearSolver):
-    """Elimination plan of a mesh; `factor` and `solve` are pure and may be jitted, vmapped and run on any device."""
+    """Elimination plan of a mesh; `factor` and `solve` are pure and may be jitted, vmapped and run on any
+    device.
+    """
 
     fronts: tuple[_Fronts, ...]
     n: int = eqx.field(static=True)
@@ -79,8 +83,10 @@ class Multifrontal(AbstractLinearSolver):
         """Eliminate all fronts of the matrix that the element tangents (e, d, d) assemble to."""
         schur: list[Array] = []
         inverses, couplings = [], []
-        # Batches of one level are independent, and XLA's CPU runtime was seen to deadlock when it ran their LAPACK calls
-        # at once on two threads: each batch therefore waits for the one before, by an added 0 that depends on it.
+        # Batches of one level are independent, and XLA's CPU runtime was seen to deadlock when it ran their
+        # LAPACK calls
+        # at once on two threads: each batch therefore waits for the one before, by an added 0 that depends
+        # on it.
         after = jnp.zeros((), element_tangents.dtype)
         for batch in self.fronts:
             f, s = batch.pivots.shape
@@ -92,7 +98,8 @@ class Multifrontal(AbstractLinearSolver):
                 element_tangents[batch.elements]
             )[:, :size, :size]
             for source, (child, parent, take) in zip(batch.sources, batch.children, strict=True):
-                # Symmetric: gather rows, transpose, gather rows again; the added zero row serves absent slots.
+                # Symmetric: gather rows, transpose, gather rows again; the added zero row serves absent
+                # slots.
                 block = jnp.pad(schur[source][child], ((0, 0), (0, 1), (0, 1)))
                 front = front.at[parent].add(_gather_rows(_gather_rows(block, take).swapaxes(1, 2), take))
             d, u = front[:, :s, :s], front[:, :s, s:]

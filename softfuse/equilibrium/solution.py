@@ -11,7 +11,7 @@ class RESULTS(eqx.Enumeration):
     """How a solve ended; data inside jit, turned into words or an exception at the edge."""
 
     converged = "converged"
-    diverged = "diverged: no load step, however small, converged; the body may have buckled or the load is beyond what it can carry"
+    diverged = "diverged: no load step converged; the body may have buckled, or cannot carry the load"
     inverted = (
         "inverted element: the load turns an element inside out; refine the mesh there or lower the load"
     )
@@ -21,7 +21,8 @@ class RESULTS(eqx.Enumeration):
 class State(eqx.Module):
     """What changes while a body deforms, for c contacts of m pressure cells.
 
-    `z` (n,): the body's unknowns; `cells` (c, m) [N]: forces of the cells; `depth` (c,) [m]: how far each disc has moved;
+    `z` (n,): the body's unknowns; `cells` (c, m) [N]: forces of the cells; `depth` (c,) [m]: how far each
+    disc has moved;
     `pressed` (c, m): which cells touch.
     """
 
@@ -46,7 +47,9 @@ class State(eqx.Module):
 
 
 class Stats(eqx.Module):
-    """What a solve took: Newton iterations, accepted load steps, and the largest unbalanced nodal force [N] at its end."""
+    """What a solve took: Newton iterations, accepted load steps, and the largest unbalanced nodal force [N]
+    at its end.
+    """
 
     newton_iterations: Int[Array, ""]
     load_steps: Int[Array, ""]

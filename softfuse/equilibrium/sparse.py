@@ -1,10 +1,15 @@
 """Sparse direct solution of K x = b by SuiteSparse inside jit (package sparsax, CPU only): CHOLMOD and KLU.
 
-The factor that travels through jit is the assembled matrix. sparsax keeps the numeric factorisation outside, keyed by the matrix' values: the
-first solve with new values factorises, further ones reuse it. CHOLMOD keeps one factorisation a pattern and KLU 32, so alternating between more
-matrices than that factorises again each time, but is never wrong. (sparsax' explicit tokens keep every factorisation ever made alive.)
-Failure raises out of the compiled program here; that it is data, NaN read as a result code, holds for `Multifrontal` only.
-Sources: Chen, Davis, Hager and Rajamanickam, ACM TOMS 35(3), 2008 (CHOLMOD); Davis and Palamadai Natarajan, ACM TOMS 37(3), 2010 (KLU).
+The factor that travels through jit is the assembled matrix. sparsax keeps the numeric factorisation outside,
+keyed by the matrix' values: the
+first solve with new values factorises, further ones reuse it. CHOLMOD keeps one factorisation a pattern and
+KLU 32, so alternating between more
+matrices than that factorises again each time, but is never wrong. (sparsax' explicit tokens keep every
+factorisation ever made alive.)
+Failure raises out of the compiled program here; that it is data, NaN read as a result code, holds for
+`Multifrontal` only.
+Sources: Chen, Davis, Hager and Rajamanickam, ACM TOMS 35(3), 2008 (CHOLMOD); Davis and Palamadai Natarajan,
+ACM TOMS 37(3), 2010 (KLU).
 """
 
 from jaxtyping import Array, Float
@@ -22,7 +27,9 @@ class SparseCholesky(AbstractLinearSolver):
 
     @classmethod
     def plan(cls, body: Body) -> "SparseCholesky":
-        """Plan the assembly of a body's tangent. Raises SolveError for mixed elements, whose tangent is a saddle."""
+        """Plan the assembly of a body's tangent. Raises SolveError for mixed elements, whose tangent is a
+        saddle.
+        """
         if body.element.pressures:
             raise SolveError(
                 f"the tangent of {body.element.name} elements is indefinite and has no Cholesky factor: "
@@ -35,7 +42,9 @@ class SparseCholesky(AbstractLinearSolver):
         return assemble(self.pattern, element_tangents)
 
     def solve(self, factor: Float[Array, " z"], rhs: Float[Array, "n c"]) -> Float[Array, "n c"]:
-        """Solution (n, c) for right-hand sides (n, c). Raises ValueError, also from inside jit, if K is not positive definite."""
+        """Solution (n, c) for right-hand sides (n, c). Raises ValueError, also from inside jit, if K is not
+        positive definite.
+        """
         import sparsax
 
         return sparsax.solve(self.pattern.rows, self.pattern.columns, factor, rhs)
@@ -56,7 +65,9 @@ class SparseLU(AbstractLinearSolver):
         return assemble(self.pattern, element_tangents)
 
     def solve(self, factor: Float[Array, " z"], rhs: Float[Array, "n c"]) -> Float[Array, "n c"]:
-        """Solution (n, c) for right-hand sides (n, c). Raises ValueError, also from inside jit, if K is singular."""
+        """Solution (n, c) for right-hand sides (n, c). Raises ValueError, also from inside jit, if K is
+        singular.
+        """
         import sparsax
 
         return sparsax.lu_solve(self.pattern.rows, self.pattern.columns, factor, rhs)

@@ -1,8 +1,11 @@
 """Forces of the pressure cells under rigid discs: no tension, no penetration, prescribed totals.
 
-With z = z₀ + Y a the displacements under the cells are g = g₀ + S a, S = Gᵀ K⁻¹ G the compliance. A disc at depth d touches
-where g = d and lies above where g > d: 0 ≤ a ⊥ g − d ≥ 0, Σ a = F for each disc, which are the optimality conditions of
-min ½ aᵀS a + g₀ᵀ a subject to a ≥ 0, Σ a = F. Solved by a primal-dual active set method (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13(3), 2002).
+With z = z₀ + Y a the displacements under the cells are g = g₀ + S a, S = Gᵀ K⁻¹ G the compliance. A disc at
+depth d touches
+where g = d and lies above where g > d: 0 ≤ a ⊥ g − d ≥ 0, Σ a = F for each disc, which are the optimality
+conditions of
+min ½ aᵀS a + g₀ᵀ a subject to a ≥ 0, Σ a = F. Solved by a primal-dual active set method (Hintermüller, Ito
+and Kunisch, SIAM J. Optim. 13(3), 2002).
 """
 
 import jax
@@ -21,7 +24,8 @@ def distribute_on(
 ) -> tuple[Float[Array, "c m"], Float[Array, " c"]]:
     """Cell forces (c, m) [N] and depths (c,) [m] when exactly the `pressed` cells (c, m) carry force.
 
-    `compliance` (c, m, c, m) [m/N]; `offset` (c, m) [m]: displacements without force; `total` (c,) [N]. Linear in offset and total.
+    `compliance` (c, m, c, m) [m/N]; `offset` (c, m) [m]: displacements without force; `total` (c,) [N].
+    Linear in offset and total.
     """
     c, m = offset.shape
     k = c * m
@@ -46,7 +50,8 @@ def distribute(
     offset: Float[Array, "c m"],
     total: Float[Array, " c"],
 ) -> tuple[Float[Array, "c m"], Float[Array, " c"], Bool[Array, "c m"]]:
-    """Cell forces (c, m) [N], depths (c,) [m] and which cells touch (c, m), starting the search from the set `start`.
+    """Cell forces (c, m) [N], depths (c,) [m] and which cells touch (c, m), starting the search from the set
+    `start`.
 
     Arguments as in `distribute_on`. Not differentiated: `distribute_on` the returned set is.
     """

@@ -1,7 +1,9 @@
 """min ½ xᵀQx − bᵀx subject to lower ≤ x ≤ upper, for a few unknowns (Navarro et al. 2020, eqs. 9 and 10).
 
-jaxopt's BoxOSQP finds the active bounds on the problem with unit diagonal; a direct solve on the free unknowns then
-polishes the solution to machine precision and is what gets differentiated. The KKT residual says how far the result
+jaxopt's BoxOSQP finds the active bounds on the problem with unit diagonal; a direct solve on the free
+unknowns then
+polishes the solution to machine precision and is what gets differentiated. The KKT residual says how far the
+result
 is from optimal: the largest violation of x = clip(x − (Qx − b)/diag Q, lower, upper), in units of x.
 This is the only file that knows jaxopt.
 """
@@ -36,7 +38,9 @@ def solve_bounded_qp(
     problem = (q * scale[:, None] * scale, -b * scale, lower / scale, upper / scale)
     scaled_q, scaled_c, low, high = jax.lax.stop_gradient(problem)
     size = jnp.eye(len(b))
-    found = _SOLVER.run(params_obj=(scaled_q, scaled_c), params_eq=size, params_ineq=(low, high)).params.primal[0]
+    found = _SOLVER.run(
+        params_obj=(scaled_q, scaled_c), params_eq=size, params_ineq=(low, high)
+    ).params.primal[0]
     # A bound is active where the solution sits on it and the gradient pushes against it.
     slope = scaled_q @ found + scaled_c
     at_lower = found - slope <= low

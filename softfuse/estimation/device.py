@@ -1,6 +1,7 @@
 """A soft sensing device: a body, the cavities whose volumes are measured, and how things press on it.
 
-`volume_change(state)` is the measurement model ΔV(q) of Navarro et al. 2020, eq. 8; `jax.jacfwd` of it through the
+`volume_change(state)` is the measurement model ΔV(q) of Navarro et al. 2020, eq. 8; `jax.jacfwd` of it
+through the
 equilibrium is the compliance W_va.
 """
 
@@ -18,7 +19,9 @@ from softfuse.functional.contact import Contact
 
 
 class Device(eqx.Module):
-    """Body, k cavities, and a contact that stands for every disc that may press; its location is given with each use."""
+    """Body, k cavities, and a contact that stands for every disc that may press; its location is given with
+    each use.
+    """
 
     body: Body
     cavities: tuple[Cavity, ...]
@@ -54,7 +57,8 @@ class Device(eqx.Module):
 def simulate(
     device: Device, locations: Float[Array, "c 3"], force: Float[Array, " c"], start: State | None = None
 ) -> Solution:
-    """The equilibrium under contacts at locations (c, 3) m with total forces (c,) N, searched from rest or `start`.
+    """The equilibrium under contacts at locations (c, 3) m with total forces (c,) N, searched from rest or
+    `start`.
 
     Pure and differentiable in everything; `Solution.result` says how it ended.
     """
@@ -65,7 +69,9 @@ def simulate(
 def compliance(
     device: Device, locations: Float[Array, "c 3"], force: Float[Array, " c"], start: State | None = None
 ) -> Float[Array, "k c"]:
-    """W_va = ∂ΔV/∂λ (k, c) [m³/N] at the equilibrium under forces (c,) N: one linear solve for each contact."""
+    """W_va = ∂ΔV/∂λ (k, c) [m³/N] at the equilibrium under forces (c,) N: one linear solve for each
+    contact.
+    """
 
     def measured(total):
         return device.volume_change(simulate(device, locations, total, start).state.z)

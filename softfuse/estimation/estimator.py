@@ -1,8 +1,11 @@
 """Frame after frame: sensor readings in, contact location, force and shape out.
 
-The two jitted pieces, sensors and `estimate_step`, are compiled ahead and never again. Between frames this file decides whether the factor of
-the tangent is renewed: when the step found that a refinement shrinks the error of its linear solves by less than `refresh_contraction`. While
-nothing touches, the body rests and the factor at rest serves. Nothing here is timed or threaded; `hardware` does that.
+The two jitted pieces, sensors and `estimate_step`, are compiled ahead and never again. Between frames this
+file decides whether the factor of
+the tangent is renewed: when the step found that a refinement shrinks the error of its linear solves by less
+than `refresh_contraction`. While
+nothing touches, the body rests and the factor at rest serves. Nothing here is timed or threaded; `hardware`
+does that.
 """
 
 import time
@@ -15,18 +18,20 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.body import element_tangents
+from softfuse.equilibrium.solution import State
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device
 from softfuse.estimation.step import Limits, Observation, StepReport, estimate_step
-from softfuse.equilibrium.solution import State
 
 
 @dataclass(frozen=True)
 class StepSettings:
     """How the steps are run: `steps_per_frame` linearisations, each with `refinements` of its linear solves.
 
-    `refresh_contraction` [-]: a first refinement that is not smaller than this part of the solution makes the factor be renewed;
-    `least_volume_ratio` [-]: a state that squeezes an element below this is given up and the body starts from rest.
+    `refresh_contraction` [-]: a first refinement that is not smaller than this part of the solution makes
+    the factor be renewed;
+    `least_volume_ratio` [-]: a state that squeezes an element below this is given up and the body starts
+    from rest.
     """
 
     steps_per_frame: int = 1
@@ -37,9 +42,11 @@ class StepSettings:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What one frame says: forces (c,) [N], the shape as unknowns z (n,), modelled volume changes (k,) [m³] and the step's report.
+    """What one frame says: forces (c,) [N], the shape as unknowns z (n,), modelled volume changes (k,) [m³]
+    and the step's report.
 
-    `renewed`: the factor was renewed for this frame; `lost`: the state was given up, forces are 0; `latency_s`: wall time from call to return.
+    `renewed`: the factor was renewed for this frame; `lost`: the state was given up, forces are 0;
+    `latency_s`: wall time from call to return.
     """
 
     force: Float[np.ndarray, " c"]
@@ -55,7 +62,9 @@ class Estimator:
     """Follows the state of one device through observations; compiled when made."""
 
     def __init__(self, device: Device, limits: Limits, settings: StepSettings = StepSettings()):
-        """Compile the step for the number of contacts that `limits` has. Raises SolveError when the body's tangent at rest is singular."""
+        """Compile the step for the number of contacts that `limits` has. Raises SolveError when the body's
+        tangent at rest is singular.
+        """
         self.device, self.limits, self.settings = device, limits, settings
         self.contacts = limits.force.shape[0]
         self._rest = device.rest_state(self.contacts)
@@ -74,7 +83,9 @@ class Estimator:
         self._factor = jax.jit(factor).lower(arrays, self._rest.z).compile()
         self._rest_factor = self._factor(arrays, self._rest.z)
         if not all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(self._rest_factor)):
-            raise SolveError("the body's stiffness at rest is singular: fix more nodes, or mend materials and mesh")
+            raise SolveError(
+                "the body's stiffness at rest is singular: fix more nodes, or mend materials and mesh"
+            )
         k = len(device.cavities)
         seen = Observation(jnp.zeros(k), jnp.zeros(k), jnp.zeros((self.contacts, 3)))
         self._step = jax.jit(step).lower(arrays, self._rest_factor, self._rest, seen).compile()

@@ -1,8 +1,11 @@
-"""The converged estimate: forces whose equilibrium explains the measured volumes best, and its implicit derivative.
+"""The converged estimate: forces whose equilibrium explains the measured volumes best, and its implicit
+derivative.
 
-F* = argmin Σ_i ((ΔV_i(F) − ΔV_measured,i) / σ_i)², 0 ≤ F ≤ F_max, with ΔV(F) through the full equilibrium, by Gauss-Newton steps on
+F* = argmin Σ_i ((ΔV_i(F) − ΔV_measured,i) / σ_i)², 0 ≤ F ≤ F_max, with ΔV(F) through the full equilibrium,
+by Gauss-Newton steps on
 W = jacfwd ΔV. On the unbounded forces h(F, θ) = Wᵀ R⁻¹ (ΔV − ΔV_measured) = 0 holds for all θ, hence
-dF = −(∂h/∂F)⁻¹ ∂h/∂θ dθ: exact in every parameter θ of device, measurement and location, second derivatives of the body included.
+dF = −(∂h/∂F)⁻¹ ∂h/∂θ dθ: exact in every parameter θ of device, measurement and location, second derivatives
+of the body included.
 """
 
 import equinox as eqx
@@ -71,7 +74,8 @@ def _converged_jvp(primals, tangents):
 def nonlinear_estimate(
     device: Device, limits: Limits, start: State, seen: Observation, *, steps: int = 25
 ) -> ConvergedForce:
-    """The forces that explain an observation best; differentiable in device and observation at constant cost in `steps`.
+    """The forces that explain an observation best; differentiable in device and observation at constant cost
+    in `steps`.
 
     `start`: an equilibrium to search from. The shape is `simulate(device, seen.locations, force).state`.
     """

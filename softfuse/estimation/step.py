@@ -1,12 +1,15 @@
 """The estimate step: relinearise, bounded QP, advance (Navarro et al. 2020, eqs. 2 and 8 to 10).
 
-At the state (z, a) with contact rows G, K δz = G δa − (r(z) − G a) gives the equilibrium's correction at unchanged forces, z₀, and the
+At the state (z, a) with contact rows G, K δz = G δa − (r(z) − G a) gives the equilibrium's correction at
+unchanged forces, z₀, and the
 sensitivity t = dz/dF of each contact. With W = ∂V/∂z t and the innovation e = ΔV_measured − ΔV(z₀),
 
     ΔF = argmin Σ_i (e_i − (W ΔF)_i)² / σ_i² + ε ‖ΔF‖²   subject to 0 ≤ F + ΔF ≤ F_max,
 
-then z = z₀ + t ΔF. ε damps the step and leaves no bias once the steps have converged. Cells that would pull are let go (`unilateral`).
-The factor may belong to an older tangent: refinements with the body's own tangent make up for it, and their first
+then z = z₀ + t ΔF. ε damps the step and leaves no bias once the steps have converged. Cells that would pull
+are let go (`unilateral`).
+The factor may belong to an older tangent: refinements with the body's own tangent make up for it, and their
+first
 contraction is returned so that the caller knows when a new factor pays.
 """
 
@@ -25,7 +28,9 @@ from softfuse.estimation.device import Device
 
 
 class Observation(eqx.Module):
-    """What the sensors say in one frame: volume changes (k,) [m³], their weights 1/σ (k,) [1/m³] (0: ignore), contact locations (c, 3) m."""
+    """What the sensors say in one frame: volume changes (k,) [m³], their weights 1/σ (k,) [1/m³] (0:
+    ignore), contact locations (c, 3) m.
+    """
 
     volume_change: Float[Array, " k"]
     weight: Float[Array, " k"]
@@ -42,8 +47,10 @@ class Limits(eqx.Module):
 class StepReport(eqx.Module):
     """How good a step was.
 
-    `misfit` (k,) [m³]: measured minus modelled volume change after it; `compliance` (k, c) [m³/N]: W; `kkt` [N]: optimality of the QP;
-    `unbalanced` [N]: largest nodal force out of balance before it; `contraction` [-]: by how much the first refinement shrank the
+    `misfit` (k,) [m³]: measured minus modelled volume change after it; `compliance` (k, c) [m³/N]: W; `kkt`
+    [N]: optimality of the QP;
+    `unbalanced` [N]: largest nodal force out of balance before it; `contraction` [-]: by how much the first
+    refinement shrank the
     error of the linear solves; `least_volume_ratio` [-]: smallest det F after it.
     """
 
@@ -64,9 +71,19 @@ class _Contacts(eqx.Module):
 
 
 def _directions(
-    device: Device, z: Array, inverse: Solve, at: _Contacts, pressed: Array, load: Array, gap: Array, total: Array, *, refinements: int
+    device: Device,
+    z: Array,
+    inverse: Solve,
+    at: _Contacts,
+    pressed: Array,
+    load: Array,
+    gap: Array,
+    total: Array,
+    *,
+    refinements: int,
 ) -> tuple[Array, Array, Array, Array]:
-    """Solve K x − G y = load, Gᵀx + gap = d on pressed cells, Σ y = total for columns: load (n, j), gap (j, c, m), total (j, c).
+    """Solve K x − G y = load, Gᵀx + gap = d on pressed cells, Σ y = total for columns: load (n, j), gap (j,
+    c, m), total (j, c).
 
     Returns x (n, j), y (j, c, m), d (j, c) and the contraction of the first refinement.
     """
@@ -84,7 +101,9 @@ def _directions(
         left = load + jnp.einsum("ncm,jcm->nj", at.rows, y) - tangent_action(device.body, z, x)
         dx, dy, dd = once(left, jnp.zeros_like(gap), jnp.zeros_like(total))
         if sweep == 0:
-            contraction = jnp.max(jnp.linalg.norm(dx[moves], axis=0) / (jnp.linalg.norm(x[moves], axis=0) + 1e-12))
+            contraction = jnp.max(
+                jnp.linalg.norm(dx[moves], axis=0) / (jnp.linalg.norm(x[moves], axis=0) + 1e-12)
+            )
         x, y, d = x + dx, y + dy, d + dd
     return x, y, d, contraction
 
@@ -92,14 +111,16 @@ def _directions(
 def advance(
     device: Device, limits: Limits, inverse: Solve, state: State, seen: Observation, *, refinements: int
 ) -> tuple[State, StepReport]:
-    """One estimate step with K⁻¹ as the map `inverse`, refined `refinements` times; the state after it, and its report."""
+    """One estimate step with K⁻¹ as the map `inverse`, refined `refinements` times; the state after it, and
+    its report.
+    """
     body = device.body
     rows = device.contact_rows(seen.locations)
     n, c, m = rows.shape
     unsettled = unbalanced(body, rows, state)
     solved = inverse(jnp.concatenate([rows.reshape(n, c * m), unsettled[:, None]], axis=1))
-    at = _Contacts(rows, solved[:, :-1].reshape(n, c, m), None)
-    at = eqx.tree_at(lambda a: a.compliance, at, compliance_of(rows, at.response), is_leaf=lambda leaf: leaf is None)
+    response = solved[:, :-1].reshape(n, c, m)
+    at = _Contacts(rows, response, compliance_of(rows, response))
     settled = state.z - solved[:, -1] - jnp.einsum("ncm,cm->n", at.response, state.cells)
     force = state.force()
     _, _, pressed = distribute(state.pressed, at.compliance, jnp.einsum("ncm,n->cm", rows, settled), force)
@@ -138,7 +159,13 @@ def advance(
 
 
 def estimate_step(
-    device: Device, limits: Limits, factor: PyTree[Array], state: State, seen: Observation, *, refinements: int = 2
+    device: Device,
+    limits: Limits,
+    factor: PyTree[Array],
+    state: State,
+    seen: Observation,
+    *,
+    refinements: int = 2,
 ) -> tuple[State, StepReport]:
     """The live step: one `advance` with a factor of a tangent not far from here. Pure; compiled once."""
 
@@ -151,7 +178,9 @@ def estimate_step(
 def exact_steps(
     device: Device, limits: Limits, state: State, seen: Observation, *, steps: int
 ) -> tuple[State, StepReport]:
-    """`steps` estimate steps, each with the tangent of its own state; differentiable in everything, through all steps."""
+    """`steps` estimate steps, each with the tangent of its own state; differentiable in everything, through
+    all steps.
+    """
     report = None
     for _ in range(steps):
         factor = device.linear.factor(element_tangents(*jax.lax.stop_gradient((device.body, state.z))))

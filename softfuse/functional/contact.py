@@ -1,8 +1,11 @@
 """A disc pressed onto a body's surface: the displacement under each of its pressure cells.
 
-The disc of radius a stands over the location c, perpendicular to the pressing direction d; each of its quadrature points is carried along d onto
-the outermost face it meets, at rest. Cell k has the functional g_k = Σ_i s_ik d · u(x_i), the mean displacement [m] under it, linear in u;
-its conjugate is the cell's force [N], which acts in the direction d. The points move with the disc, not with the mesh: g_k is continuous and piecewise
+The disc of radius a stands over the location c, perpendicular to the pressing direction d; each of its
+quadrature points is carried along d onto
+the outermost face it meets, at rest. Cell k has the functional g_k = Σ_i s_ik d · u(x_i), the mean
+displacement [m] under it, linear in u;
+its conjugate is the cell's force [N], which acts in the direction d. The points move with the disc, not with
+the mesh: g_k is continuous and piecewise
 smooth in the location and needs no mesh that knows the disc. Points beyond the body's edge carry nothing.
 """
 
@@ -18,7 +21,9 @@ from softfuse.functional.pressure_cells import PressureCells
 
 
 class ContactSurface(eqx.Module):
-    """Faces (f, 3) or (f, 6) that can be pressed along the unit vector `direction` (3,), and unit tangents (2, 3) across it."""
+    """Faces (f, 3) or (f, 6) that can be pressed along the unit vector `direction` (3,), and unit tangents
+    (2, 3) across it.
+    """
 
     faces: Int[Array, "f s"]
     direction: Float[Array, "3"]
@@ -28,7 +33,9 @@ class ContactSurface(eqx.Module):
     def facing(
         cls, faces: Int[np.ndarray, "f s"], rest: Float[np.ndarray, "k 3"], direction: Float[np.ndarray, "3"]
     ) -> "ContactSurface":
-        """Those of the outward faces (f, s) of nodes at `rest` (k, 3) m that look against the pressing direction (3,)."""
+        """Those of the outward faces (f, s) of nodes at `rest` (k, 3) m that look against the pressing
+        direction (3,).
+        """
         d = np.asarray(direction, float) / np.linalg.norm(direction)
         first = np.eye(3)[np.argmin(np.abs(d))]
         first = first - d * (first @ d)
@@ -42,7 +49,9 @@ class ContactSurface(eqx.Module):
     def land(
         self, rest: Float[Array, "k 3"], points: Float[Array, "p 3"]
     ) -> tuple[Int[Array, "p s"], Float[Array, "p s"], Bool[Array, " p"]]:
-        """Nodes (p, s) and shape values (p, s) where points (p, 3) m meet the surface along the direction, and whether they do."""
+        """Nodes (p, s) and shape values (p, s) where points (p, 3) m meet the surface along the direction,
+        and whether they do.
+        """
         corners = rest[self.faces[:, :3]]
         flat = corners @ self.tangents.T
         target = points @ self.tangents.T
@@ -71,7 +80,9 @@ def _barycentric(point: Float[Array, "... 2"], triangle: Float[Array, "... 3 2"]
 
 
 class Contact(eqx.Module):
-    """A disc of `radius` (m) that presses at `location` (3,) m of its centre, with the pressure cells it may have."""
+    """A disc of `radius` (m) that presses at `location` (3,) m of its centre, with the pressure cells it may
+    have.
+    """
 
     surface: ContactSurface
     cells: PressureCells
@@ -82,7 +93,9 @@ class Contact(eqx.Module):
         return self.location + self.radius * (self.cells.points @ self.surface.tangents)
 
     def rows(self, body: Body) -> Float[Array, "n m"]:
-        """∂g_k/∂z (n, m) [-]: nodal forces per newton in cell k; its transpose times z gives the displacements g (m,) [m]."""
+        """∂g_k/∂z (n, m) [-]: nodal forces per newton in cell k; its transpose times z gives the
+        displacements g (m,) [m].
+        """
         nodes, shape, met = self.surface.land(body.rest, self._points())
         share = jnp.where(met[:, None], self.cells.shares, 0.0)
         force = shape[:, :, None, None] * self.surface.direction[:, None] * share[:, None, None, :]
@@ -90,5 +103,7 @@ class Contact(eqx.Module):
         return jnp.zeros((body.n, self.cells.count)).at[index].add(force, mode="drop")
 
     def overlap(self, body: Body) -> Float[Array, ""]:
-        """Fraction of the disc's quadrature points that lie on the surface [-]: 1 unless it overhangs an edge."""
+        """Fraction of the disc's quadrature points that lie on the surface [-]: 1 unless it overhangs an
+        edge.
+        """
         return jnp.mean(self.surface.land(body.rest, self._points())[2])

@@ -1,4 +1,6 @@
-"""A material point's position along a direction: g = d · x(X), for optical tracking; its conjugate force is a point force [N]."""
+"""A material point's position along a direction: g = d · x(X), for optical tracking; its conjugate force is
+a point force [N].
+"""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -6,7 +8,9 @@ from jaxtyping import Array, Float, Int
 
 
 class Marker(eqx.Module):
-    """A point carried by nodes (a,) with shape-function values `shape` (a,), read along the unit vector `direction` (3,)."""
+    """A point carried by nodes (a,) with shape-function values `shape` (a,), read along the unit vector
+    `direction` (3,).
+    """
 
     nodes: Int[Array, " a"]
     shape: Float[Array, " a"]

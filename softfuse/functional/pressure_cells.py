@@ -1,9 +1,14 @@
-"""How a disc contact's force may be distributed: cells of the unit disc, each with a fixed shape of pressure and unit force.
+"""How a disc contact's force may be distributed: cells of the unit disc, each with a fixed shape of pressure
+and unit force.
 
-`uniform` has one cell, constant pressure on the whole disc: "equal force everywhere" (Navarro et al. 2020, Sec. IV-B), whose functional is the patch's mean displacement.
-`flat_punch` cuts the disc into ring sectors; the forces of the cells then follow from equal displacement where pressed and no tension.
-The pressure under a sharp rigid edge grows like (1 − r²)^(-1/2), so every cell carries this weight: on an elastic half space equal
-cell pressures are then the exact solution. Quadrature in s = √(1 − r²) takes the singularity out, ∫ f r dr / √(1 − r²) = ∫ f ds.
+`uniform` has one cell, constant pressure on the whole disc: "equal force everywhere" (Navarro et al. 2020,
+Sec. IV-B), whose functional is the patch's mean displacement.
+`flat_punch` cuts the disc into ring sectors; the forces of the cells then follow from equal displacement
+where pressed and no tension.
+The pressure under a sharp rigid edge grows like (1 − r²)^(-1/2), so every cell carries this weight: on an
+elastic half space equal
+cell pressures are then the exact solution. Quadrature in s = √(1 − r²) takes the singularity out, ∫ f r dr /
+√(1 − r²) = ∫ f ds.
 Source: Johnson, Contact Mechanics, 1985, ch. 3.
 """
 
@@ -14,7 +19,9 @@ from jaxtyping import Array, Float
 
 
 class PressureCells(eqx.Module):
-    """Quadrature points (p, 2) on the unit disc and the share (p, m) of cell k's force that acts there; columns sum to 1."""
+    """Quadrature points (p, 2) on the unit disc and the share (p, m) of cell k's force that acts there;
+    columns sum to 1.
+    """
 
     points: Float[Array, "p 2"]
     shares: Float[Array, "p m"]
@@ -43,7 +50,9 @@ def flat_punch(
     *,
     points: int = 3,
 ) -> PressureCells:
-    """Ring sectors between the radii 0, `rims`..., each ring cut into its number of `sectors`, with points² quadrature points a cell."""
+    """Ring sectors between the radii 0, `rims`..., each ring cut into its number of `sectors`, with points²
+    quadrature points a cell.
+    """
     nodes, weights = np.polynomial.legendre.leggauss(points)
     nodes, weights = 0.5 * (nodes + 1), 0.5 * weights
     where, inner = [], 0.0

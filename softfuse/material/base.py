@@ -7,6 +7,7 @@ Mechanics for Finite Element Analysis, 2nd ed., ch. 6 and 8.
 """
 
 from abc import abstractmethod
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -61,7 +62,7 @@ def jacobian(f: Float[Array, "3 3"]) -> Float[Array, ""]:
     )
 
 
-def constant(value: ArrayLike) -> Array:
+def constant(value: ArrayLike | Sequence[float]) -> Array:
     """A material constant as a float array, so that it is a leaf that can be fitted."""
     return jnp.asarray(value, float)
 

@@ -3,7 +3,8 @@
 I₂/J² = tr C⁻¹. At J = 1 this is Mooney's law c₁₀ (I₁ − 3) + c₀₁ (I₂ − 3). Dividing I₂ by J² makes the
 small strains exactly those of μ = 2 (c₁₀ + c₀₁) and λ (with I₂ − 3 − 4 ln J instead, λ at rest would be
 λ + 4 c₀₁) and makes the law equal to Ogden's of exponents 2 and −2.
-Sources: Rivlin, Phil. Trans. R. Soc. A 241 (1948) 379; compressible form: Ogden, Proc. R. Soc. A 328 (1972) 567.
+Sources: Rivlin, Phil. Trans. R. Soc. A 241 (1948) 379; compressible form:
+Ogden, Proc. R. Soc. A 328 (1972) 567.
 """
 
 import equinox as eqx

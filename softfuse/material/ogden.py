@@ -33,8 +33,8 @@ ROOT_STEPS = 3  # a determinant of one is never inverted
 class Ogden(AbstractMaterial):
     """Ogden law of n terms: moduli `mu` (n,) [Pa], exponents `alpha` (n,) [-], Lamé's λ `lame` [Pa].
 
-    No exponent may be zero. Principal stretches whose ratio is below 25 are good to 1e-11 (relative) for |α| ≤ 20;
-    a ratio of 400 needs |α| ≤ 10. Raises ConfigError when `mu` and `alpha` are not equally long lists.
+    No exponent may be zero. Sums of powers are good to 1e-11 (relative) for |α| ≤ 20 while the principal
+    stretches differ by less than a factor of 25; at a factor of 400, for |α| ≤ 8. Raises ConfigError when `mu` and `alpha` are not equally long lists.
     """
 
     mu: Float[Array, " n"] = eqx.field(converter=constant)

@@ -2,8 +2,8 @@
 
 They follow the tests to within 3 % from 50 % to 200 % strain; far beyond, c₃ < 0 makes them too soft. Other
 sources differ by a factor of two (cure, batch, Mullins softening): calibrate every device.
-Source: Marechal et al., Toward a Common Framework and Database of Materials for Soft Robotics, Soft Robotics 8
-(2021) 284, and its tensile tests (github.com/LucMarechal/Soft-Robotics-Materials-Database).
+Source: Marechal et al., Toward a Common Framework and Database of Materials for Soft Robotics, Soft
+Robotics 8 (2021) 284, and its tensile tests (github.com/LucMarechal/Soft-Robotics-Materials-Database).
 """
 
 from types import MappingProxyType

@@ -6,8 +6,9 @@ line is the integral of the cylinder's charge density (wall_field) over the line
 
     f_k = (2 / (pi p^2)) * integral over the diamonds of line k of kappa(|r - r_contact|) dA,
 
-dimensionless, p being the pitch: a cylinder of radius p, wholly over the array, gives about 1 in total over the
-lines of a layer, since half of the area belongs to either layer. It is a Gauss quadrature, smooth in everything.
+dimensionless, p being the pitch: a cylinder of radius p, wholly over the array, gives about 1 in total over
+the lines of a layer, since half of the area belongs to either layer. It is a Gauss quadrature, smooth in
+everything.
 
 The outermost lines also collect flux that passes the array's rim and would otherwise land beyond it. It is
 modelled as a strip of width `rim` along the rim, half of which belongs to the outermost line.
@@ -25,7 +26,7 @@ _TINY_M = 1e-7  # keeps the distance from the axis differentiable at zero
 
 
 class LinePoints(eqx.Module):
-    """Quadrature points of n parallel lines (q per line) and of the two strips along their rim (s per strip)."""
+    """Quadrature points of n parallel lines (q each) and of the two strips along their rim (s each)."""
 
     across_m: Float[Array, " n*q+2*s"]
     """Coordinate across the lines [m], line by line, then the first line's strip, then the last one's."""

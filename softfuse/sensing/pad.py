@@ -124,7 +124,7 @@ def pad_sensor_update(
         flow_evidence(sensors.flow, state.flow),
     )
     flow_state, flow = flow_update(sensors.flow, state.flow, dt, flow_V, touch.touching)
-    # An electrode found lying stays out until nothing is near, so that it is searched for once and not every frame.
+    # An electrode found lying stays out until nothing is near: it is searched for once and not every frame.
     trusted = reading.valid & ~state.lying
     location, covariance, residual, honest, located = _locate(
         sensors.peak, reading.signal_counts, trusted, touch.near

@@ -8,7 +8,8 @@ electrodes. The fit is
     min_p  sum_i ((s_i - A f_i(x, y, R, d + g) - o) / sigma)^2 + |(o, R - R0, g) / prior|^2,
 
 f being `diamond_array.array_response` and sigma^2 = noise^2 + (model_error * largest signal)^2, because the
-noise of the counts is far below what a model of the peak can promise. The profile ends where the array ends, in the measurement and in
+noise of the counts is far below what a model of the peak can promise. The profile ends where the array ends,
+in the measurement and in
 the model, hence no border bias. Solved by a fixed number of Levenberg-Marquardt steps.
 
 An electrode that lies (a broken trace that no longer answers, a reading that is stuck since the touch) has
@@ -22,6 +23,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from softfuse.sensing.diamond_array import array_response, line_points, mean_pitch
@@ -94,8 +96,8 @@ class PeakFit(eqx.Module):
 
 
 def peak_model(
-    row_y_m: Float[Array, " r"],
-    column_x_m: Float[Array, " c"],
+    row_y_m: Float[ArrayLike, " r"],
+    column_x_m: Float[ArrayLike, " c"],
     row_depth_m: float,
     column_depth_m: float,
     *,
@@ -136,7 +138,7 @@ def peak_model(
 def peak_response(
     model: PeakModel,
 ) -> Callable[[Float[Array, "2"], Float[Array, ""], Float[Array, ""]], Float[Array, " e"]]:
-    """Function of location (2,) [m], radius [m] and gap [m] that returns the response (r + c,) of all electrodes.
+    """Function of location (2,) [m], radius [m] and gap [m] that returns all electrodes' response (r + c,).
 
     What does not depend on its arguments is computed once, here.
     """

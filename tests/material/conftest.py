@@ -1,5 +1,9 @@
 """One of every law, all with the same shear modulus and Lamé's λ at rest."""
 
+from collections.abc import Callable
+
+import jax
+import numpy as np
 import pytest
 
 from softfuse.material import (
@@ -21,7 +25,7 @@ LAWS = {
     "corotational": Corotational.from_young(YOUNG, POISSON),
     "mooney_rivlin": MooneyRivlin.from_young(YOUNG, POISSON, second_share=0.3),
     "yeoh": Yeoh.from_poisson(MU / 2, 0.2 * MU, 0.01 * MU, POISSON),
-    "ogden": Ogden([MU, -0.2 * MU / 1.1], [1.6, -2.2], LAME),
+    "ogden": Ogden(np.array([MU, -0.2 * MU / 1.1]), np.array([1.6, -2.2]), LAME),
 }
 
 
@@ -41,3 +45,19 @@ def mu() -> float:
 def lame() -> float:
     """Lamé's λ at rest of every law [Pa]."""
     return LAME
+
+
+@jax.jit
+def _energy_and_stress(law: AbstractMaterial, f: jax.Array) -> tuple[jax.Array, jax.Array]:
+    return jax.value_and_grad(law.energy)(f)
+
+
+@pytest.fixture(scope="session")
+def energy_and_stress() -> Callable[[AbstractMaterial, np.ndarray], tuple[float, np.ndarray]]:
+    """Energy density [J/m³] and nominal stress (3, 3) [Pa] at one state (3, 3), compiled once per law."""
+
+    def evaluate(law: AbstractMaterial, f: np.ndarray) -> tuple[float, np.ndarray]:
+        energy, stress = _energy_and_stress(law, f)
+        return float(energy), np.asarray(stress)
+
+    return evaluate

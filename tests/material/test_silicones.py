@@ -7,7 +7,8 @@ import pytest
 from softfuse.errors import ConfigError
 from softfuse.material import SILICONES, silicone
 
-# Nominal stress [kPa] at 50, 100 and 200 % strain, read off the tests of the Soft Robotics Materials Database.
+# Nominal stress [kPa] at 50, 100 and 200 % strain, read off the tests of the Soft Robotics Materials
+# Database.
 MEASURED = {
     "ecoflex 00-30": (16.9, 29.7, 52.4),
     "ecoflex 00-50": (22.8, 41.0, 79.0),

@@ -11,7 +11,7 @@ GRADIENTS = jnp.eye(3) + 0.2 * jnp.asarray(np.random.default_rng(0).standard_nor
 DIRECTION = jnp.asarray(np.random.default_rng(1).standard_normal((3, 3)))
 
 
-def test_jit_changes_nothing_and_traces_once(law: AbstractMaterial) -> None:
+def test_jit_equals_eager_and_traces_once(law: AbstractMaterial) -> None:
     traces = []
 
     @jax.jit
@@ -19,39 +19,39 @@ def test_jit_changes_nothing_and_traces_once(law: AbstractMaterial) -> None:
         traces.append(1)
         return law.energy(f)
 
-    doubled = jax.tree.map(lambda leaf: 2 * leaf, law)
+    stiffer = jax.tree.map(lambda leaf: 1.5 * leaf, law)
     assert float(energy(law, GRADIENTS[0])) == pytest.approx(float(law.energy(GRADIENTS[0])), rel=1e-12)
-    assert float(energy(doubled, GRADIENTS[0])) != pytest.approx(float(energy(law, GRADIENTS[0])), rel=1e-3)
+    assert float(energy(stiffer, GRADIENTS[0])) > 1.2 * float(energy(law, GRADIENTS[0]))
     assert len(traces) == 1
 
 
-def test_vmap_equals_a_loop(law: AbstractMaterial) -> None:
-    looped = [float(law.energy(f)) for f in GRADIENTS]
-    np.testing.assert_allclose(jax.vmap(law.energy)(GRADIENTS), looped, rtol=1e-11)
-
-
-def test_vmap_over_the_constants(law: AbstractMaterial) -> None:
-    laws = jax.tree.map(lambda leaf: jnp.stack([leaf, 1.5 * leaf]), law)
-    energies = jax.vmap(lambda law: law.energy(GRADIENTS[1]))(laws)
-    expected = [
-        float(jax.tree.map(lambda leaf, k=factor: k * leaf, law).energy(GRADIENTS[1]))
-        for factor in (1.0, 1.5)
-    ]
-    np.testing.assert_allclose(energies, expected, rtol=1e-11)
+def test_vmap_over_states_and_constants_equals_loops(law: AbstractMaterial) -> None:
+    laws = [jax.tree.map(lambda leaf, k=factor: k * leaf, law) for factor in (1.0, 1.2, 1.5)]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *laws)
+    table = jax.jit(jax.vmap(jax.vmap(lambda law, f: law.energy(f), (None, 0)), (0, None)))(
+        stacked, GRADIENTS
+    )
+    single = jax.jit(lambda law, f: law.energy(f))
+    np.testing.assert_allclose(
+        table, [[float(single(one, f)) for f in GRADIENTS] for one in laws], rtol=1e-11
+    )
 
 
 def test_jvp_is_the_directional_slope(law: AbstractMaterial) -> None:
-    step = 1e-3
-    _, slope = jax.jvp(law.energy, (GRADIENTS[2],), (DIRECTION,))
-    ahead, behind, far, back = (
-        float(law.energy(GRADIENTS[2] + k * step * DIRECTION)) for k in (1, -1, 2, -2)
-    )
+    step, f = 1e-3, GRADIENTS[2]
+    along = jax.jit(lambda law, f: jax.jvp(law.energy, (f,), (DIRECTION,)))
+    ahead, behind, far, back = (float(along(law, f + k * step * DIRECTION)[0]) for k in (1, -1, 2, -2))
     difference = (8 * (ahead - behind) - (far - back)) / (12 * step)
-    assert float(slope) == pytest.approx(difference, rel=1e-7)
+    assert float(along(law, f)[1]) == pytest.approx(difference, rel=1e-7)
 
 
 def test_vjp_and_jvp_are_adjoint(law: AbstractMaterial) -> None:
-    _, slope = jax.jvp(law.energy, (GRADIENTS[3],), (DIRECTION,))
-    _, pull_back = jax.vjp(law.energy, GRADIENTS[3])
-    (stress,) = pull_back(1.0)
-    assert float(jnp.sum(stress * DIRECTION)) == pytest.approx(float(slope), rel=1e-11)
+    @jax.jit
+    def both(law: AbstractMaterial, f: jax.Array) -> tuple[jax.Array, jax.Array]:
+        _, slope = jax.jvp(law.energy, (f,), (DIRECTION,))
+        energy, pull_back = jax.vjp(law.energy, f)
+        (stress,) = pull_back(jnp.ones_like(energy))
+        return slope, jnp.sum(stress * DIRECTION)
+
+    slope, work = both(law, GRADIENTS[3])
+    assert float(work) == pytest.approx(float(slope), rel=1e-11)

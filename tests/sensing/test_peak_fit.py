@@ -25,7 +25,7 @@ def signal_of(location, radius=10e-3, gap=0.0, amplitude=AMPLITUDE, offset=(40.0
 
 
 def algebraic_disc_signal(location, cell=0.5e-3):
-    """A profile from another physics: a disc with an algebraic edge, summed over diamonds on a square grid."""
+    """A profile from another physics: a disc with an algebraic edge, summed over diamonds on a grid."""
     middle = np.arange(-32e-3 + cell / 2, 32e-3, cell)
     x, y = np.meshgrid(middle, middle, indexing="ij")
     column, row = (np.clip(((v + 32e-3) // 8e-3).astype(int), 0, 7) for v in (x, y))

@@ -18,7 +18,7 @@ def run(strength, flow):
     return jax.lax.scan(step, touch_init(), (strength, flow))[1]
 
 
-def decide(strength, flow=0.0):
+def decide(strength, flow: float | np.ndarray = 0.0):
     strength = jnp.asarray(strength, float)
     near, touching = run(strength, jnp.broadcast_to(jnp.asarray(flow, float), strength.shape))
     return np.asarray(near), np.asarray(touching)

@@ -4,13 +4,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from softfuse.sensing.wall_field import disc_density, wall_density
 
 
 def exact(xi: float) -> float:
-    return brentq(lambda k: 1.0 / k - np.arctanh(k) - xi, 1e-6, 1.0 - 1e-15, xtol=1e-15)
+    bracket = (1e-6, 1.0 - 1e-15)
+    return root_scalar(lambda k: 1.0 / k - np.arctanh(k) - xi, bracket=bracket, xtol=1e-15).root
 
 
 @pytest.mark.parametrize("xi", [-12.0, -3.0, -0.5, 0.0, 0.2, 1.0, 5.0, 80.0])
