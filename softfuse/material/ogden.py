@@ -34,7 +34,8 @@ class Ogden(AbstractMaterial):
     """Ogden law of n terms: moduli `mu` (n,) [Pa], exponents `alpha` (n,) [-], Lamé's λ `lame` [Pa].
 
     No exponent may be zero. Sums of powers are good to 1e-11 (relative) for |α| ≤ 20 while the principal
-    stretches differ by less than a factor of 25; at a factor of 400, for |α| ≤ 8. Raises ConfigError when `mu` and `alpha` are not equally long lists.
+    stretches differ by less than a factor of 25; at a factor of 400, for |α| ≤ 8.
+    Raises ConfigError when `mu` and `alpha` are not equally long lists.
     """
 
     mu: Float[Array, " n"] = eqx.field(converter=constant)

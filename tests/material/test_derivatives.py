@@ -46,7 +46,7 @@ class Jet(NamedTuple):
 
 
 class Jets(NamedTuple):
-    """At the states along random directions, the same by finite differences along b, and in full where SINGLE."""
+    """At the states along random directions; by finite differences along b; in full at the SINGLE states."""
 
     b: np.ndarray
     exact: Jet

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from softfuse.material import (
     AbstractMaterial,
@@ -66,7 +66,8 @@ def principal_stress(energy_and_stress: Evaluate) -> Callable[..., np.ndarray]:
 
 def stress_free_stretch(stress: Callable[[float], float], guess: float) -> float:
     """The stretch [-] within 0.01 % of the guess at which the stress [Pa] vanishes."""
-    return float(brentq(stress, guess * (1 - 1e-4), guess * (1 + 1e-4), xtol=1e-15, full_output=False))
+    bracket = (guess * (1 - 1e-4), guess * (1 + 1e-4))
+    return root_scalar(stress, bracket=bracket, method="brentq", xtol=1e-15).root
 
 
 @pytest.mark.parametrize("name", CASES)
