@@ -13,6 +13,7 @@ from rich.logging import RichHandler
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.mesh import mesh
+from softfuse.cli.simulate import simulate
 from softfuse.cli.terminal import stderr, stdout
 from softfuse.errors import SoftfuseError
 
@@ -22,6 +23,7 @@ app = typer.Typer(
     pretty_exceptions_show_locals=False,
 )
 app.command()(mesh)
+app.command()(simulate)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -71,14 +71,14 @@ def capacitive_array(
     With 8 counts of noise two readings are equal once in 28 frames, so 25 equal ones in a row are no chance.
     """
     return CapacitiveArray(
-        noise_counts=jnp.asarray(noise_counts),
-        lowest_counts=jnp.asarray(lowest_counts),
-        highest_counts=jnp.asarray(highest_counts),
-        stuck_frames=jnp.asarray(stuck_frames),
-        baseline_time_s=jnp.asarray(baseline_time_s),
-        creep_time_s=jnp.asarray(creep_time_s),
-        recovery_time_s=jnp.asarray(recovery_time_s),
-        negative_sigma=jnp.asarray(negative_sigma),
+        noise_counts=jnp.asarray(noise_counts, float),
+        lowest_counts=jnp.asarray(lowest_counts, float),
+        highest_counts=jnp.asarray(highest_counts, float),
+        stuck_frames=jnp.asarray(stuck_frames, int),
+        baseline_time_s=jnp.asarray(baseline_time_s, float),
+        creep_time_s=jnp.asarray(creep_time_s, float),
+        recovery_time_s=jnp.asarray(recovery_time_s, float),
+        negative_sigma=jnp.asarray(negative_sigma, float),
     )
 
 
@@ -87,7 +87,7 @@ def array_init(electrodes: int) -> ArrayState:
     return ArrayState(
         baseline_counts=jnp.zeros(electrodes),
         baseline_frames=jnp.zeros(electrodes, int),
-        last_counts=jnp.full(electrodes, jnp.nan),
+        last_counts=jnp.full(electrodes, jnp.nan, float),
         equal_frames=jnp.zeros(electrodes, int),
     )
 

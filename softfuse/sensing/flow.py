@@ -127,44 +127,46 @@ def d6f_p0001a1(
     risen by 63 %.
     """
     return FlowSensor(
-        zero_V=jnp.full(channels, 0.5),
-        sensitivity_Vs_m3=jnp.full(channels, 20.0 / (1e-3 / 60.0)),
-        low_V=jnp.asarray(low_V),
-        high_V=jnp.asarray(high_V),
+        zero_V=jnp.full(channels, 0.5, float),
+        sensitivity_Vs_m3=jnp.full(channels, 20.0 / (1e-3 / 60.0), float),
+        low_V=jnp.asarray(low_V, float),
+        high_V=jnp.asarray(high_V, float),
         drift=ZeroDrift(
-            noise_V=jnp.asarray(noise_V),
-            bias_sigma_V=jnp.asarray(bias_sigma_V),
-            bias_walk_V=jnp.asarray(bias_walk_V),
-            wander_sigma_V=jnp.asarray(wander_sigma_V),
-            wander_time_s=jnp.asarray(wander_time_s),
+            noise_V=jnp.asarray(noise_V, float),
+            bias_sigma_V=jnp.asarray(bias_sigma_V, float),
+            bias_walk_V=jnp.asarray(bias_walk_V, float),
+            wander_sigma_V=jnp.asarray(wander_sigma_V, float),
+            wander_time_s=jnp.asarray(wander_time_s, float),
         ),
-        hold_off_s=jnp.asarray(hold_off_s),
-        gate_sigma=jnp.asarray(gate_sigma),
-        relearn_s=jnp.asarray(relearn_s),
-        longest_gap_s=jnp.asarray(longest_gap_s),
-        lost_sigma_V=jnp.asarray(lost_sigma_V),
-        lost_tolerance_s=jnp.asarray(lost_tolerance_s),
+        hold_off_s=jnp.asarray(hold_off_s, float),
+        gate_sigma=jnp.asarray(gate_sigma, float),
+        relearn_s=jnp.asarray(relearn_s, float),
+        longest_gap_s=jnp.asarray(longest_gap_s, float),
+        lost_sigma_V=jnp.asarray(lost_sigma_V, float),
+        lost_tolerance_s=jnp.asarray(lost_tolerance_s, float),
         lag=lag,
     )
 
 
 def flow_init(sensor: FlowSensor) -> FlowState:
     """State before the first frame, untouched."""
-    k = sensor.zero_V.shape[0]
+    # A state of other dtypes than its successor's would compile the update twice.
+    nominal = jnp.asarray(sensor.zero_V, float)
+    k = nominal.shape[0]
     n = sensor.lag
     return FlowState(
-        zero=zero_prior(sensor.drift, sensor.zero_V),
+        zero=zero_prior(sensor.drift, nominal),
         integral_Vs=jnp.zeros(k),
         lost_s=jnp.zeros(k),
         saturated=jnp.zeros(k, bool),
-        released_s=jnp.asarray(sensor.hold_off_s),
-        calm_s=jnp.full(k, sensor.hold_off_s),
+        released_s=jnp.asarray(sensor.hold_off_s, float),
+        calm_s=jnp.full(k, sensor.hold_off_s, float),
         unquiet_s=jnp.zeros(k),
-        last_V=sensor.zero_V,
+        last_V=nominal,
         seen=jnp.zeros(k, bool),
         pending_s=jnp.zeros(k),
         lag_dt_s=jnp.zeros(n),
-        lag_V=jnp.broadcast_to(sensor.zero_V, (n, k)),
+        lag_V=jnp.broadcast_to(nominal, (n, k)),
         lag_area_Vs=jnp.zeros((n, k)),
         lag_lost_s=jnp.zeros((n, k)),
         lag_usable=jnp.zeros((n, k), bool),

@@ -19,6 +19,7 @@ from softfuse.sensing.capacitive import (
     array_signal,
     electrode_image,
     track_baseline,
+    weighted_mean_location,
 )
 from softfuse.sensing.flow import FlowSensor, FlowState, flow_evidence, flow_init, flow_update
 from softfuse.sensing.peak_fit import PeakModel, fit_peak_of_honest
@@ -73,6 +74,8 @@ class PadMeasurement(eqx.Module):
     """(2, 2) its covariance [m^2]; as wide as the array while nothing is near."""
     location_valid: Bool[Array, ""]
     """The fit ended on the array (at most half a pitch beyond the outermost lines) and is certain enough."""
+    weighted_mean_m: Float[Array, "2"]
+    """(2,) the paper's location [m], biased at the border; the array's middle without any signal."""
     location_residual_counts: Float[Array, ""]
     """Root mean square residual of the peak fit [counts]; 0 while nothing is near."""
     signal_counts: Float[Array, " e"]
@@ -87,7 +90,7 @@ def pad_sensor_init(sensors: PadSensors) -> PadSensorState:
     """State before the first frame; the pad is taken to be untouched."""
     electrodes = sensors.peak.row_y_m.shape[0] + sensors.peak.column_x_m.shape[0]
     return PadSensorState(
-        time_s=jnp.asarray(-jnp.inf),
+        time_s=jnp.full((), -jnp.inf, float),
         flow=flow_init(sensors.flow),
         array=array_init(electrodes),
         touch=touch_init(),
@@ -146,6 +149,9 @@ def pad_sensor_update(
         location_m=location,
         location_covariance_m2=covariance,
         location_valid=located,
+        weighted_mean_m=weighted_mean_location(
+            sensors.peak.row_y_m, sensors.peak.column_x_m, reading.signal_counts, honest
+        ),
         location_residual_counts=residual,
         signal_counts=reading.signal_counts,
         electrode_valid=honest,

@@ -9,8 +9,8 @@ electrodes. The fit is
 
 f being `diamond_array.array_response` and sigma^2 = noise^2 + (model_error * largest signal)^2, because the
 noise of the counts is far below what a model of the peak can promise. The profile ends where the array ends,
-in the measurement and in
-the model, hence no border bias. Solved by a fixed number of Levenberg-Marquardt steps.
+in the measurement and in the model, hence no border bias. Solved by a fixed number of Levenberg-Marquardt
+steps; derivatives by the implicit function theorem at the minimum.
 
 An electrode that lies (a broken trace that no longer answers, a reading that is stuck since the touch) has
 too much leverage on eight unknowns for a robust cost to help. So `fit_peak_of_honest`, when the residual is

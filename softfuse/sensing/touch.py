@@ -71,22 +71,22 @@ def touch_detector(
     1.5 mm depth.
     """
     return TouchDetector(
-        noise_counts=jnp.asarray(noise_counts),
-        near_on_sigma=jnp.asarray(near_on_sigma),
-        near_off_sigma=jnp.asarray(near_off_sigma),
-        contact_on_counts=jnp.asarray(contact_on_counts),
-        flow_sigma=jnp.asarray(flow_sigma),
-        release_fraction=jnp.asarray(release_fraction),
-        return_fraction=jnp.asarray(return_fraction),
-        on_frames=jnp.asarray(on_frames),
-        off_frames=jnp.asarray(off_frames),
+        noise_counts=jnp.asarray(noise_counts, float),
+        near_on_sigma=jnp.asarray(near_on_sigma, float),
+        near_off_sigma=jnp.asarray(near_off_sigma, float),
+        contact_on_counts=jnp.asarray(contact_on_counts, float),
+        flow_sigma=jnp.asarray(flow_sigma, float),
+        release_fraction=jnp.asarray(release_fraction, float),
+        return_fraction=jnp.asarray(return_fraction, float),
+        on_frames=jnp.asarray(on_frames, int),
+        off_frames=jnp.asarray(off_frames, int),
     )
 
 
 def touch_init() -> TouchState:
     """State before the first frame: nothing near."""
     no = jnp.asarray(False)
-    return TouchState(near=no, touching=no, frames=jnp.asarray(0), largest_counts=jnp.asarray(0.0))
+    return TouchState(near=no, touching=no, frames=jnp.zeros((), int), largest_counts=jnp.zeros(()))
 
 
 def touch_strength(row_signal: Float[Array, " r"], column_signal: Float[Array, " c"]) -> Float[Array, ""]:
