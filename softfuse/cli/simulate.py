@@ -50,7 +50,9 @@ def simulate(
         device = with_contact_model(device, contact.value)
     check_on_body(device, location)
     with busy("solving", quiet=quiet):
-        solution = eqx.filter_jit(equilibrium_under)(device, location[None], jnp.array([float(force)]))
+        solution = eqx.filter_jit(equilibrium_under)(
+            device, jnp.asarray(location)[None], jnp.array([float(force)])
+        )
         change = device.volume_change(solution.state.z)
     result = result_name(solution.result)
     if result != "converged":

@@ -111,7 +111,7 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
 
 def test_compressed_recordings_whole_cut_and_false(tmp_path):
     rng = np.random.default_rng(0)
-    lines = [HEADER, *(f"{0.01 * i:.2f},{rng.random():.6f},{rng.integers(1e6)},0" for i in range(4000))]
+    lines = [HEADER, *(f"{0.01 * i:.2f},{rng.random():.6f},{rng.integers(1000000)},0" for i in range(4000))]
     data = gzip.compress(("\n".join(lines) + "\n").encode())
     path = tmp_path / "pad.csv.gz"
     path.write_bytes(data)

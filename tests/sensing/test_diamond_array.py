@@ -16,7 +16,7 @@ ZERO = jnp.asarray(0.0)
 @jax.jit
 def response_of(location, row_depth=1.5e-3, column_depth=1e-3, row_rim=0.0, column_rim=0.0):
     lines = jnp.asarray(LINES)
-    rows, columns = line_points(lines, lines, row_rim), line_points(lines, lines, column_rim)
+    rows, columns = (line_points(lines, lines, jnp.asarray(rim)) for rim in (row_rim, column_rim))
     depths = (jnp.asarray(row_depth), jnp.asarray(column_depth))
     return array_response(
         rows, columns, jnp.asarray(location), jnp.asarray(10e-3), *depths, jnp.asarray(PITCH)

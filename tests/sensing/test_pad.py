@@ -78,6 +78,8 @@ def test_location_and_volumes_of_the_recorded_presses(recording, measured):
     assert np.sqrt(np.mean(normalised**2)) < 1.6
     assert np.abs(normalised).max() < 3.5
     assert measured.location_residual_counts[held].max() < 40.0
+    paper = np.hypot(*(measured.weighted_mean_m - location)[held].T)
+    assert np.all(error < paper) and paper.max() < 5e-3
 
 
 def test_each_press_is_one_touch_that_begins_with_the_force(recording, measured):
@@ -142,7 +144,7 @@ def test_damage_is_flagged_and_the_rest_goes_on(recording, damage):
     assert np.mean(m.location_valid[held]) > 0.6
     other = [0, 2, 3]
     assert np.all(m.volume_valid[held][:, other])
-    normalised = ((m.volume_change_m3 - volume) / m.volume_sigma_m3)[held][:, other]
+    normalised = (m.volume_change_m3 - volume)[held][:, other] / m.volume_sigma_m3[held][:, other]
     assert np.abs(normalised).max() < 3.5
     flagged = {
         "missing_row": lambda: not m.electrode_valid[:, 3].any(),
@@ -169,12 +171,12 @@ def test_a_release_that_clips_is_flagged_and_reset_before_the_next_press(recordi
     held, _, volume = truth(recording)
     second = held & (recording.columns["press"] == 1)
     assert np.all(m.volume_valid[second])
-    assert np.abs((m.volume_change_m3 - volume) / m.volume_sigma_m3)[second].max() < 3.5
+    assert np.abs((m.volume_change_m3 - volume)[second] / m.volume_sigma_m3[second]).max() < 3.5
 
 
 def test_an_untouched_pad_has_no_location_and_says_so(measured):
     idle = ~measured.near
-    assert idle.sum() > 300
+    assert idle.sum() > 150
     np.testing.assert_array_equal(measured.location_m[idle], 0.0)
     assert not measured.location_valid[idle].any()
     assert measured.location_covariance_m2[idle][:, 0, 0].min() > (15e-3) ** 2
