@@ -12,6 +12,7 @@ import typer
 from rich.logging import RichHandler
 
 from softfuse.cli.computing import prepare_jax
+from softfuse.cli.estimate import estimate
 from softfuse.cli.mesh import mesh
 from softfuse.cli.simulate import simulate
 from softfuse.cli.terminal import stderr, stdout
@@ -24,6 +25,7 @@ app = typer.Typer(
 )
 app.command()(mesh)
 app.command()(simulate)
+app.command()(estimate)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -8,7 +8,7 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from softfuse.config.body import BodySettings, PadSource
 from softfuse.config.contact import ContactSettings
-from softfuse.config.quantity import Number, PositiveInteger, wrong_value
+from softfuse.config.quantity import Number, PositiveInteger, PositiveNumber, wrong_value
 from softfuse.config.sensors import SensorSettings
 from softfuse.config.settings import Settings, Vector
 
@@ -27,11 +27,14 @@ class CavitySettings(Settings):
 
 
 class EstimatorSettings(Settings):
-    """Estimate step: linearisations per frame, ε [1/N²] of ε‖ΔF‖² in the cost, contacts at most."""
+    """Estimate step: linearisations per frame, ε [1/N²] of ε‖ΔF‖² in the cost, doubted misfit.
+
+    poor_fit: a largest misfit above this part of the largest volume change is flagged.
+    """
 
     steps_per_frame: PositiveInteger = 1
     regularisation: Annotated[Number, Ge(0)] = 1e-6
-    max_contacts: PositiveInteger = 1
+    poor_fit: PositiveNumber = 0.25
 
 
 class DeviceConfig(Settings):

@@ -40,6 +40,9 @@ class StepSettings:
     least_volume_ratio: float = 0.05
 
 
+DEFAULT_STEPS = StepSettings()
+
+
 @dataclass(frozen=True)
 class Estimate:
     """What one frame says: forces (c,) [N], the shape as unknowns z (n,), modelled volume changes (k,) [m³]
@@ -61,7 +64,7 @@ class Estimate:
 class Estimator:
     """Follows the state of one device through observations; compiled when made."""
 
-    def __init__(self, device: Device, limits: Limits, settings: StepSettings = StepSettings()):
+    def __init__(self, device: Device, limits: Limits, settings: StepSettings = DEFAULT_STEPS):
         """Compile the step for the number of contacts that `limits` has. Raises SolveError when the body's
         tangent at rest is singular.
         """

@@ -1,0 +1,1 @@
+"""What estimates are worth: the paper's tables and figures."""
