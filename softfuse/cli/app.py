@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 from rich.logging import RichHandler
 
+from softfuse.cli.calibrate import calibrate
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.estimate import estimate
 from softfuse.cli.mesh import mesh
@@ -26,6 +27,7 @@ app = typer.Typer(
 app.command()(mesh)
 app.command()(simulate)
 app.command()(estimate)
+app.command()(calibrate)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

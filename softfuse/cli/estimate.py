@@ -10,13 +10,14 @@ import numpy as np
 import typer
 from jaxtyping import Array
 
+from softfuse.cli.recorded import sensor_columns, sensor_frames
 from softfuse.cli.recording_report import Estimated, summary, write_report
 from softfuse.cli.terminal import Quiet, busy, stdout, tracked
-from softfuse.config import DeviceConfig, load
+from softfuse.config import load
 from softfuse.config.build_device import build_device, build_tracker
 from softfuse.config.build_mesh import build_mesh
-from softfuse.errors import ConfigError, SoftfuseError
-from softfuse.estimation.tracker import Frame, Status, Tracked
+from softfuse.errors import SoftfuseError
+from softfuse.estimation.tracker import Status, Tracked
 from softfuse.hardware.recording import Recording, read_recording
 from softfuse.mesh.files import write_mesh
 
@@ -57,23 +58,6 @@ def estimate(
         write_report(out / "report.html", estimated, numbers)
     if not quiet:
         _tell(numbers, out)
-
-
-def sensor_columns(config: DeviceConfig) -> list[str]:
-    """The columns of a recording that the device's sensors write; raises ConfigError when it has none."""
-    if config.sensors is None:
-        raise ConfigError(f"{config.path}: sensors: missing, needed to estimate from a recording")
-    array = config.sensors.capacitive
-    return [*config.sensors.flow.channels, *array.row_channels, *array.column_channels]
-
-
-def sensor_frames(config: DeviceConfig, recording: Recording) -> list[Frame]:
-    """The recording's frames with the readings in the order of the sensors."""
-    assert config.sensors is not None  # sensor_columns has told
-    array = config.sensors.capacitive
-    channels = (config.sensors.flow.channels, array.row_channels, array.column_channels)
-    flow, rows, columns = (recording.matrix(names) for names in channels)
-    return [Frame(*readings) for readings in zip(recording.time_s, flow, rows, columns, strict=True)]
 
 
 def make_folder(folder: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Array
 
+from softfuse.cli.recorded import sample_frames, samples_at
 from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
 from softfuse.estimation.device import Device
@@ -18,9 +19,6 @@ from softfuse.experiment.accuracy import Samples, Spread, force_table, location_
 from softfuse.experiment.report import page, picture, spread_table, table
 from softfuse.hardware.recording import Recording
 from softfuse.mesh.surface import outer_surface
-
-TRUTH = ("sample", "true_x_mm", "true_y_mm", "true_force_N")
-"""Columns of a recording that make an evaluation possible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,22 +33,9 @@ class Estimated:
     shapes: list[tuple[int, Array]]
 
 
-def samples_of(estimated: Estimated) -> Samples | None:
-    """Estimates and truth at the recording's samples; None where it has no truth."""
-    columns = estimated.recording.columns
-    if not all(name in columns for name in TRUTH):
-        return None
-    true = np.stack([columns[name] for name in TRUTH[1:]])
-    at = np.flatnonzero((columns["sample"] > 0) & np.all(np.isfinite(true), axis=0) & (true[2] > 0))
-    if not at.size:
-        return None
-    return Samples(
-        level=columns["sample"][at].astype(int),
-        location_m=np.stack([estimated.found[i].location_m for i in at]),
-        force_N=np.array([estimated.found[i].force_N for i in at]),
-        true_location_m=1e-3 * true[:2, at].T,
-        true_force_N=true[2, at],
-    )
+def _samples(estimated: Estimated) -> Samples | None:
+    at = sample_frames(estimated.recording)
+    return samples_at(estimated.recording, estimated.found, at) if at.size else None
 
 
 def summary(estimated: Estimated) -> dict[str, Any]:
@@ -73,7 +58,7 @@ def summary(estimated: Estimated) -> dict[str, Any]:
         },
         "statuses": dict(Counter(str(status) for row in found for status in row.statuses).most_common()),
     }
-    samples = samples_of(estimated)
+    samples = _samples(estimated)
     if samples is not None:
         numbers["location_error_mm"] = _scaled(location_table(samples), 1e3)
         numbers["force_error_percent"] = _scaled(force_table(samples), 100.0)
@@ -91,7 +76,7 @@ def _scaled(groups: dict[str, Spread], factor: float) -> dict[str, dict[str, flo
 
 def write_report(path: Path, estimated: Estimated, numbers: dict[str, Any]) -> None:
     """Write report.html."""
-    samples = samples_of(estimated)
+    samples = _samples(estimated)
     sections = [("Recording", _overview(numbers))]
     if samples is not None:
         tables = (("location_error_mm", "mm"), ("force_error_percent", "%"))

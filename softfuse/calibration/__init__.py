@@ -1,0 +1,1 @@
+"""Fitting a device's parameters to presses of known place and force."""
