@@ -1,0 +1,23 @@
+"""Boxes of Kuhn tetrahedra, with holes and steps where boxes are left out."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from softfuse.mesh.kuhn import kuhn_grid
+from softfuse.mesh.orientation import oriented
+from softfuse.mesh.tetmesh import TetMesh, tet_mesh
+
+
+@pytest.fixture(scope="session")
+def box() -> Callable[..., TetMesh]:
+    """box(x, y, z): tetrahedra between the planes of three axes (m); `keep` leaves grid boxes out."""
+
+    def build(x, y, z, *, keep=None) -> TetMesh:
+        planes = tuple(np.asarray(p, float) for p in (x, y, z))
+        kept = np.ones([len(p) - 1 for p in planes], bool) if keep is None else keep
+        mesh = kuhn_grid(planes, kept, (0, 0, 0))
+        return oriented(tet_mesh(mesh.nodes, mesh.tets))
+
+    return build
