@@ -1,4 +1,4 @@
-"""Enclosed volume of curved faces: exact, invariant under rigid motion, and its gradient is the pressure's force.
+"""Enclosed volume of curved faces: exact, invariant under rigid motion; its gradient is the pressure's force.
 
 A quadratic map x(X) of a box with straight edges is represented exactly by quadratic faces, and the volume
 that they enclose is ∫ det ∂x/∂X over the box: a polynomial that Gauss points integrate exactly.

@@ -86,7 +86,7 @@ def test_each_cell_has_the_moments_of_its_own_ring_and_sector() -> None:
             assert np.all((r > [0.0, *RIMS][ring]) & (r < RIMS[ring]))
             turn = np.unwrap(np.arctan2(points[own, 1], points[own, 0])) % (2 * np.pi)
             assert np.all((turn > 2 * np.pi * sector / count) & (turn < 2 * np.pi * (sector + 1) / count))
-            # Means of cos θ and sin θ over the sector, whose middle is at φ: sinc(half its angle) (cos φ, sin φ).
+            # Mean of (cos θ, sin θ) over a sector with its middle at φ: sinc(half its angle) (cos φ, sin φ).
             half, middle = np.pi / count, 2 * np.pi * (sector + 0.5) / count
             unit = points[own] / r[:, None]
             expected = np.sin(half) / half * np.array([np.cos(middle), np.sin(middle)])
