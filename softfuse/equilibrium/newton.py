@@ -174,7 +174,9 @@ def _equilibrium_jvp(primals, tangents):
         return residual(varied, z)
 
     _, residual_dot = eqx.filter_jvp(against, (body,), (body_dot,))
-    load_dot = jnp.einsum("ncm,cm->n", rows_dot, cells) - residual_dot
+    load_dot = jnp.einsum("ncm,cm->n", rows_dot, cells)
+    if residual_dot is not None:  # None: the body is not varied
+        load_dot = load_dot - residual_dot
     inverse = tangent_at(newton.linear, body, z)
     response = inverse(rows.reshape(n, c * m)).reshape(n, c, m)
     relaxed = inverse(load_dot[:, None])[:, 0]

@@ -181,10 +181,11 @@ def exact_steps(
     """`steps` estimate steps, each with the tangent of its own state; differentiable in everything, through
     all steps.
     """
-    report = None
-    for _ in range(steps):
+
+    def step(state, _):
         factor = device.linear.factor(element_tangents(*jax.lax.stop_gradient((device.body, state.z))))
         inverse = tangent_inverse(device.linear, factor, device.body, state.z, refinements=0)
-        state, report = advance(device, limits, inverse, state, seen, refinements=0)
-    assert report is not None
-    return state, report
+        return advance(device, limits, inverse, state, seen, refinements=0)
+
+    state, reports = jax.lax.scan(step, state, length=steps)
+    return state, jax.tree.map(lambda each: each[-1], reports)

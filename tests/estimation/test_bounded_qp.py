@@ -1,0 +1,73 @@
+"""The bounded QP against daqp, an exact active-set solver, and its derivative against differences."""
+
+import daqp
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.estimation.bounded_qp import kkt_residual, solve_bounded_qp
+
+
+def _problem(seed: int, n: int):
+    """Scales as in estimates: compliances that differ by orders of magnitude between contacts."""
+    rng = np.random.default_rng(seed)
+    w = rng.normal(size=(n + 2, n)) * 10.0 ** rng.uniform(-2, 2, n)
+    q = w.T @ w
+    b = w.T @ rng.normal(size=n + 2) * 10
+    lower = -rng.uniform(0, 3, n)
+    return q, b, lower, lower + rng.uniform(0.1, 5, n)
+
+
+@pytest.mark.parametrize("n", [1, 2, 4, 8])
+@pytest.mark.parametrize("seed", range(6))
+def test_it_agrees_with_daqp(seed: int, n: int) -> None:
+    q, b, lower, upper = _problem(seed, n)
+    scale = 1 / np.sqrt(np.diag(q))
+    x, kkt = jax.jit(solve_bounded_qp)(*map(jnp.asarray, (q, b, lower, upper)))
+    exact, *_ = daqp.solve(
+        q * scale * scale[:, None],
+        -b * scale,
+        np.zeros((0, n)),
+        upper / scale,
+        lower / scale,
+        np.zeros(n, np.int32),
+        primal_tol=1e-12,
+        dual_tol=1e-12,
+    )
+    np.testing.assert_allclose(np.asarray(x) / scale, exact, rtol=1e-8, atol=1e-8)
+    assert float(kkt) < 1e-9 * float(np.max(np.abs(x)) + 1)
+
+
+def test_the_residual_tells_a_wrong_solution() -> None:
+    q, b, lower, upper = map(jnp.asarray, _problem(1, 4))
+    x, kkt = solve_bounded_qp(q, b, lower, upper)
+    assert float(kkt_residual(x, q, b, lower, upper)) == float(kkt)
+    inwards = 0.9 * x + 0.05 * (lower + upper)
+    assert float(kkt_residual(inwards, q, b, lower, upper)) > 1e-3
+
+
+def test_free_and_bounded_derivatives_agree_with_differences() -> None:
+    q, b, lower, upper = map(jnp.asarray, _problem(3, 4))
+    forward = jax.jacfwd(solve_bounded_qp, argnums=(1, 3), has_aux=True)(q, b, lower, upper)[0]
+    backward = jax.jacrev(solve_bounded_qp, argnums=(1, 3), has_aux=True)(q, b, lower, upper)[0]
+    step = 1e-6
+    for argument, (ahead, back) in zip((1, 3), zip(forward, backward, strict=True), strict=True):
+        given = [q, b, lower, upper]
+        for j in range(4):
+            ends = []
+            for sign in (1, -1):
+                varied = list(given)
+                varied[argument] = varied[argument].at[j].add(sign * step)
+                ends.append(np.asarray(solve_bounded_qp(*varied)[0]))
+            difference = (ends[0] - ends[1]) / (2 * step)
+            np.testing.assert_allclose(ahead[:, j], difference, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(ahead, back, rtol=1e-9, atol=1e-12)
+
+
+def test_a_batch_is_the_same_as_one_by_one() -> None:
+    problems = [_problem(seed, 3) for seed in range(5)]
+    batch = [jnp.stack([jnp.asarray(p[k]) for p in problems]) for k in range(4)]
+    together, _ = jax.vmap(solve_bounded_qp)(*batch)
+    for x, problem in zip(together, problems, strict=True):
+        np.testing.assert_allclose(x, solve_bounded_qp(*map(jnp.asarray, problem))[0], rtol=1e-9, atol=1e-12)

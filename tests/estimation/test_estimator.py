@@ -1,0 +1,75 @@
+"""The live estimator: right forces from volumes, never compiled again, and honest when it is lost."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.estimation.estimator import Estimator, StepSettings
+from softfuse.estimation.step import Observation
+
+AT = jnp.array([[14e-3, -2e-3, 0.0]])
+
+
+@pytest.fixture(scope="module")
+def estimator(device, one) -> Estimator:
+    return Estimator(device, one)
+
+
+@pytest.fixture(scope="module")
+def press(device, volumes_under) -> list[Observation]:
+    """A press from 0 to 9 N in 40 frames, with the volumes of the equilibria."""
+    force = np.minimum(np.linspace(0, 12, 40), 9.0)
+    weight = jnp.full(2, 1e9)
+    return [Observation(volumes_under(device, AT, jnp.array([f])), weight, AT) for f in force]
+
+
+def test_it_follows_a_press(estimator: Estimator, press: list[Observation]) -> None:
+    estimator.reset()
+    found = [estimator.update(seen) for seen in press]
+    force = np.array([e.force[0] for e in found])
+    np.testing.assert_allclose(force[-1], 9.0, rtol=1e-6)
+    np.testing.assert_allclose(force, np.minimum(np.linspace(0, 12, 40), 9.0), atol=0.05)
+    assert not any(e.lost for e in found)
+    assert float(found[-1].report.unbalanced) < 1e-6
+
+
+def test_nothing_is_compiled_while_it_runs(estimator: Estimator, press: list[Observation]) -> None:
+    estimator.reset()
+    estimator.update(press[0])
+    events: list[str] = []
+    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: events.append(name))
+    try:
+        for seen in press:
+            estimator.update(seen)
+        assert [name for name in events if "compile" in name or "trace" in name] == []
+        jax.jit(lambda x: x + len(events))(jnp.zeros(3))
+        assert any("compile" in name for name in events)  # the listener does hear compilations
+    finally:
+        jax.monitoring.clear_event_listeners()
+
+
+def test_a_reset_forgets(estimator: Estimator, press: list[Observation]) -> None:
+    estimator.reset()
+    first = [estimator.update(seen).force[0] for seen in press[:10]]
+    estimator.update(press[-1])
+    estimator.reset()
+    assert [estimator.update(seen).force[0] for seen in press[:10]] == first
+
+
+def test_volumes_that_no_force_explains_leave_a_finite_state(estimator: Estimator, press) -> None:
+    estimator.reset()
+    for change in (jnp.full(2, -1e-3), jnp.full(2, jnp.nan), jnp.full(2, 1e-3)):
+        found = estimator.update(Observation(change, jnp.full(2, 1e9), AT))
+        assert found.lost or np.all(np.isfinite(found.force))
+        assert bool(jnp.all(jnp.isfinite(estimator.state.z)))
+    estimator.reset()
+    for seen in press:
+        found = estimator.update(seen)
+    np.testing.assert_allclose(found.force[0], 9.0, rtol=1e-6)
+
+
+def test_more_steps_a_frame_follow_closer(device, one, press: list[Observation]) -> None:
+    patient = Estimator(device, one, StepSettings(steps_per_frame=3))
+    force = np.array([patient.update(seen).force[0] for seen in press])
+    np.testing.assert_allclose(force, np.minimum(np.linspace(0, 12, 40), 9.0), atol=1e-3)
