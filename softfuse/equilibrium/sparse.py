@@ -42,8 +42,8 @@ class SparseCholesky(AbstractLinearSolver):
         return assemble(self.pattern, element_tangents)
 
     def solve(self, factor: Float[Array, " z"], rhs: Float[Array, "n c"]) -> Float[Array, "n c"]:
-        """Solution (n, c) for right-hand sides (n, c). Raises ValueError, also from inside jit, if K is not
-        positive definite.
+        """Solution (n, c) for right-hand sides (n, c). Raises jax.errors.JaxRuntimeError, also from inside
+        jit, if K is not positive definite.
         """
         import sparsax
 
@@ -65,8 +65,8 @@ class SparseLU(AbstractLinearSolver):
         return assemble(self.pattern, element_tangents)
 
     def solve(self, factor: Float[Array, " z"], rhs: Float[Array, "n c"]) -> Float[Array, "n c"]:
-        """Solution (n, c) for right-hand sides (n, c). Raises ValueError, also from inside jit, if K is
-        singular.
+        """Solution (n, c) for right-hand sides (n, c). Raises jax.errors.JaxRuntimeError, also from inside
+        jit, if K is singular.
         """
         import sparsax
 
