@@ -87,6 +87,9 @@ def outside_functions(node: ast.AST) -> Iterator[ast.AST]:
     for child in ast.iter_child_nodes(node):
         if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
             continue
+        # Only type checkers go in here.
+        if isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING":
+            continue
         yield child
         yield from outside_functions(child)
 
@@ -173,6 +176,7 @@ def test_arrows_are_told_apart(stage: str, source: str, wrong: bool) -> None:
         ("from matplotlib import pyplot", True),
         ("try:\n    import serial.tools\nexcept ImportError:\n    serial = None", True),
         ("class A:\n    import trimesh", True),
+        ("if TYPE_CHECKING:\n    from matplotlib.figure import Figure", False),
         ("def f():\n    import trimesh", False),
         ("import numpy", False),
     ],

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.body.element import TAYLOR_HOOD, Element, shape_gradients
-from softfuse.errors import MeshError
+from softfuse.errors import MeshError, SoftfuseError
 from softfuse.material.base import AbstractMaterial, jacobian
 from softfuse.mesh.tetmesh import TetMesh, linear, quadratic
 
@@ -51,13 +51,17 @@ class Body(eqx.Module):
         densities: Sequence[float] | None = None,
         gravity: Sequence[float] = (0.0, 0.0, 0.0),
     ) -> "Body":
-        """A body on a mesh whose nodes are those of the element's order (`nodes_for` gives such a mesh).
+        """A body on a mesh whose nodes are those of the element's order (`mesh_for` gives such a mesh).
 
         `materials`: one for each region 0, 1, ... of the mesh; `fixed` (k,): nodes that cannot move;
-        `densities` [kg/m³]: one
-        a region, 0 where not given; `gravity` [m/s²]. Raises MeshError where mesh, regions and fixed nodes
-        do not fit.
+        `densities` [kg/m³]: one a region, 0 where not given; `gravity` [m/s²]. Raises MeshError where mesh,
+        regions and fixed nodes do not fit, SoftfuseError when JAX computes in single precision.
         """
+        if not jax.config.jax_enable_x64:
+            raise SoftfuseError(
+                "JAX computes in single precision, which mechanics cannot do with: call "
+                'jax.config.update("jax_enable_x64", True) first, or set JAX_ENABLE_X64=1'
+            )
         if mesh.order != element.order:
             raise MeshError(
                 f"a {element.name} body needs a mesh of order {element.order}, "

@@ -1,17 +1,22 @@
 """min ½ xᵀQx − bᵀx subject to lower ≤ x ≤ upper, for a few unknowns (Navarro et al. 2020, eqs. 9 and 10).
 
 jaxopt's BoxOSQP finds the active bounds on the problem with unit diagonal; a direct solve on the free
-unknowns then
-polishes the solution to machine precision and is what gets differentiated. The KKT residual says how far the
-result
-is from optimal: the largest violation of x = clip(x − (Qx − b)/diag Q, lower, upper), in units of x.
+unknowns then polishes the solution to machine precision and is what gets differentiated. The KKT residual
+says how far the result is from optimal: the largest violation of
+x = clip(x − (Qx − b)/diag Q, lower, upper), in units of x.
 This is the only file that knows jaxopt.
 """
 
+import warnings
+
 import jax
 import jax.numpy as jnp
-from jaxopt import BoxOSQP
 from jaxtyping import Array, Float
+
+with warnings.catch_warnings():
+    # It says on import that it is no longer developed: known, and the reason why it lives here only.
+    warnings.simplefilter("ignore", DeprecationWarning)
+    from jaxopt import BoxOSQP
 
 _SOLVER = BoxOSQP(tol=1e-8, maxiter=4000, check_primal_dual_infeasability=False, jit=True)
 

@@ -29,8 +29,8 @@ from softfuse.sensing import capacitive_array, d6f_p0001a1, peak_model, touch_de
 Write = Callable[..., Path]
 
 COARSE = (
-    ('surface_size = "14 mm"', 'surface_size = "30 mm"'),
-    ('base_size = "14 mm"', 'base_size = "28 mm"'),
+    ('surface_size = "12 mm"', 'surface_size = "30 mm"'),
+    ('base_size = "12 mm"', 'base_size = "28 mm"'),
 )
 
 
