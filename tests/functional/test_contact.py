@@ -1,6 +1,7 @@
 """Contact rows: unit force through the location, right for every mesh, differentiable in the location."""
 
 import dataclasses
+from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -17,15 +18,21 @@ DOWN, OBLIQUE = np.array([0.0, 0.0, -1.0]), np.array([0.3, -0.2, -1.0])
 CENTRE = np.array([0.0141, 0.0163, HEIGHT])
 
 
+@cache
 def _body(mesh, element=QUADRATIC) -> Body:
     mesh = mesh_for(element, mesh)
     law = NeoHookean.from_young(1e5, 0.4)
     return Body.from_mesh(mesh, [law], mesh.nodes[:, 2] == 0.0, element=element)
 
 
-def _surface(mesh, direction, element=QUADRATIC) -> ContactSurface:
+@cache
+def _facing(mesh, direction: tuple[float, ...], element) -> ContactSurface:
     mesh = mesh_for(element, mesh)
-    return ContactSurface.facing(boundary_faces(mesh).faces, mesh.nodes, direction)
+    return ContactSurface.facing(boundary_faces(mesh).faces, mesh.nodes, np.array(direction))
+
+
+def _surface(mesh, direction, element=QUADRATIC) -> ContactSurface:
+    return _facing(mesh, tuple(direction), element)
 
 
 def _contact(surface, cells, location=CENTRE, radius=RADIUS) -> Contact:
