@@ -20,33 +20,18 @@ jax.config.update("jax_enable_x64", True)
 import equinox as eqx  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
+from pad_meshes import pad_on  # noqa: E402
 
-from softfuse.config import load, parse  # noqa: E402
 from softfuse.config.build_device import build_device, build_limits, build_step_settings  # noqa: E402
 from softfuse.equilibrium.newton import unbalanced  # noqa: E402
 from softfuse.estimation.device import Device, simulate  # noqa: E402
 from softfuse.estimation.estimator import Estimator  # noqa: E402
 from softfuse.estimation.step import Observation  # noqa: E402
 
-CONFIG = Path(__file__).parents[1] / "configs" / "pad.toml"
-SIZES = (("16 mm", "20 mm"), ("14 mm", "14 mm"), ("12 mm", "14 mm"), ("9 mm", "14 mm"))
+SIZES = (("16 mm", "20 mm"), ("14 mm", "14 mm"), ("12 mm", "12 mm"), ("9 mm", "12 mm"))
 """surface_size and base_size of the meshes."""
 PLACES = np.array([[10e-3, -6e-3, 0.0], [-17e-3, 17e-3, 0.0]])
 PEAK_N = 12.0
-
-
-def device_of(surface_size: str, base_size: str):
-    """The pad's config on another mesh, and its device."""
-    pad = load(CONFIG)
-    source = pad.body.source
-    text = CONFIG.read_text()
-    for key, value in (("surface_size", surface_size), ("base_size", base_size), ("fine_depth", "0 mm")):
-        start = text.index(f"{key} = ") + len(f"{key} = ")
-        end = text.index('"', start + 1) + 1
-        text = f'{text[:start]}"{value}"{text[end:]}'
-    config = parse(text, CONFIG)
-    assert type(config.body.source) is type(source)
-    return config, build_device(config)
 
 
 def press(device: Device, place: np.ndarray, frames: int):
@@ -63,7 +48,8 @@ def press(device: Device, place: np.ndarray, frames: int):
 
 def measure(surface_size: str, base_size: str, frames: int) -> dict[str, float]:
     """One row of the benchmark."""
-    config, device = device_of(surface_size, base_size)
+    config = pad_on(surface_size, base_size, "0 mm")
+    device = build_device(config)
     estimator = Estimator(device, build_limits(config, 1), build_step_settings(config))
     compiled: list[str] = []
     weight = jnp.full(len(device.cavities), 1e9)

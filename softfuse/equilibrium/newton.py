@@ -91,12 +91,14 @@ def _iterate(newton: Newton, body: Body, rows: Array, force: Array, at: _Iterate
         return flipped, flipped | ~small
 
     def halve(carry):
-        damping, _, _ = carry
-        return damping / 2, *rejected(damping / 2)
+        damping, flipped, _ = carry
+        flips, refused = rejected(damping / 2)
+        return damping / 2, flipped | flips, refused
 
-    damping, inverted, _ = jax.lax.while_loop(
+    damping, flipped, stuck = jax.lax.while_loop(
         lambda carry: carry[2] & (carry[0] >= _SMALLEST_DAMPING), halve, (jnp.array(1.0), *rejected(1.0))
     )
+    inverted = flipped & stuck
     # A step that was damped is not the last one, however short.
     change = jnp.where(damping == 1.0, length, jnp.maximum(length, 2 * newton.step_tolerance))
     return _Iterate(moved(damping), change, at.count + 1, damping, inverted)
@@ -135,7 +137,7 @@ def _march(
             at.iterations + count,
             at.accepted + done,
             at.attempts + 1,
-            inverted,
+            ~done & (at.inverted | inverted),
         )
 
     def unfinished(at: _March):

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 _SEED = 1e-9  # N: a disc without force keeps the cells that would touch first
 _MAX_CHANGES = 60
+_SOFTENING = 1e-9  # of the mean compliance: cells that a coarse mesh cannot tell apart share their force
 
 
 def distribute_on(
@@ -35,7 +36,7 @@ def distribute_on(
     stiff = jnp.where(on[:, None] & on[None, :], compliance.reshape(k, k) / scale, 0.0)
     matrix = jnp.block(
         [
-            [stiff + jnp.diag(jnp.where(on, 0.0, 1.0)), -belongs * on[:, None]],
+            [stiff + jnp.diag(jnp.where(on, _SOFTENING, 1.0)), -belongs * on[:, None]],
             [-belongs.T * on, jnp.zeros((c, c))],
         ]
     )

@@ -10,6 +10,13 @@ from softfuse.estimation.device import compliance, simulate
 from softfuse.estimation.nonlinear import nonlinear_estimate
 from softfuse.estimation.step import Limits, Observation, exact_steps
 
+
+@pytest.fixture(scope="module")
+def device(plain_device):
+    """What the step does depends neither on the element nor on the linear solver."""
+    return plain_device
+
+
 AT = jnp.array([[-12e-3, 3e-3, 0.0]])
 TRUE = jnp.array([6.0])
 STEPS = 6

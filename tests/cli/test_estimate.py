@@ -1,0 +1,163 @@
+"""softfuse estimate and calibrate: one press of a recording, with faults put into it, on a coarse pad."""
+
+import csv
+import gzip
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softfuse.cli import main
+from softfuse.config import load
+
+ROOT = Path(__file__).parents[2]
+RECORDING = ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz"
+FRAMES = 330
+MISSING, CUT, LOST, SATURATED = 20, 60, 140, 300
+"""Frames whose flow is missing, whose line is cut, whose electrode is dead, whose flow is clipped."""
+
+
+def code_of(*arguments: str | Path) -> int | str | None:
+    """The exit code of softfuse."""
+    with pytest.raises(SystemExit) as caught:
+        main([*map(str, arguments)])
+    return caught.value.code
+
+
+@pytest.fixture(scope="module")
+def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The pad's config on the coarsest mesh, which is compiled soonest."""
+    text = (ROOT / "configs" / "pad.toml").read_text()
+    for key, value in (("surface_size", "30 mm"), ("base_size", "28 mm"), ("fine_depth", "0 mm")):
+        start = text.index(f"{key} = ")
+        end = text.index('"', text.index('"', start) + 1)
+        text = f'{text[:start]}{key} = "{value}{text[end:]}'
+    path = tmp_path_factory.mktemp("config") / "coarse.toml"
+    path.write_text(text)
+    load(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The beginning of a recording, up to the first force level, with faults."""
+    with gzip.open(RECORDING, "rt") as stream:
+        lines = stream.read().splitlines()[: FRAMES + 1]
+    rows = [line.split(",") for line in lines]
+    at = {name: k for k, name in enumerate(rows[0])}
+    rows[1 + MISSING][at["flow1_V"]] = ""
+    rows[1 + CUT] = rows[1 + CUT][:7]
+    for row in rows[1 + LOST :]:
+        row[at["row0"]] = "nan"
+    rows[1 + SATURATED][at["flow0_V"]] = "0.0000"
+    path = tmp_path_factory.mktemp("recording") / "faulty.csv"
+    path.write_text("\n".join(",".join(row) for row in rows)[:-9])  # the last line is cut as well
+    return path
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory, coarse: Path, faulty: Path) -> Path:
+    """The folder that `softfuse estimate` makes of them."""
+    out = tmp_path_factory.mktemp("out") / "new" / "folder"
+    assert code_of("estimate", coarse, faulty, "--out", out, "--quiet") == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def rows(results: Path) -> list[dict[str, str]]:
+    with (results / "estimates.csv").open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_every_frame_has_a_row_with_the_agreed_columns(rows: list[dict[str, str]]) -> None:
+    assert len(rows) == FRAMES
+    volumes = [f"dV{k}_mm3" for k in range(4)]
+    head = ["time_s", "contacts", "x_mm", "y_mm", "force_N", *volumes]
+    assert list(rows[0]) == [*head, "residual", "latency_ms", "status"]
+    assert all(row["status"] and float(row["latency_ms"]) > 0 for row in rows)
+
+
+def test_a_press_is_found_where_and_when_it_is(rows: list[dict[str, str]], faulty: Path) -> None:
+    with faulty.open(newline="") as stream:
+        truth = list(csv.DictReader(stream))
+    at = next(i for i, row in enumerate(truth) if row["sample"] == "1")
+    found, true = rows[at], truth[at]
+    for axis in "xy":
+        assert abs(float(found[f"{axis}_mm"]) - float(true[f"true_{axis}_mm"])) < 0.5
+    # A mesh this coarse cannot be right to some percent, only to some tenth.
+    assert float(found["force_N"]) == pytest.approx(float(true["true_force_N"]), rel=0.3)
+    assert rows[10]["contacts"] == "0" and rows[10]["status"] == "no contact"
+    assert rows[10]["x_mm"] == "" and float(rows[10]["force_N"]) == 0.0
+
+
+def test_faults_are_flagged_and_the_rest_is_estimated(rows: list[dict[str, str]]) -> None:
+    assert "flow missing" in rows[MISSING]["status"]
+    assert "malformed row" in rows[CUT]["status"]
+    assert "electrode lost" in rows[LOST + 1]["status"]
+    assert "flow saturated" in rows[SATURATED]["status"]
+    assert "malformed row" in rows[-1]["status"]
+    touching = [row for row in rows if row["contacts"] == "1"]
+    assert len(touching) > 150
+    known = [row for row in touching if row["force_N"]]
+    assert len(known) > 0.95 * len(touching)
+    assert all(np.isfinite(float(row["force_N"])) for row in known)
+
+
+def test_the_summary_tells_counts_and_errors(results: Path) -> None:
+    numbers = json.loads((results / "summary.json").read_text())
+    assert numbers["frames"] == FRAMES and numbers["malformed_rows"] == 3 + FRAMES - LOST - 2
+    for key in ("location_error_mm", "force_error_percent"):
+        assert set(numbers[key]) == {"all", "circle", "level_1"}
+        assert set(numbers[key]["all"]) == {"mean", "std", "n"}
+        assert numbers[key]["all"]["n"] == 1
+
+
+def test_the_report_is_whole(results: Path) -> None:
+    text = (results / "report.html").read_text()
+    assert text.startswith("<!doctype html>") and text.rstrip().endswith("</html>")
+    assert "Table I" in text and "Table II" in text
+    assert text.count("data:image/png;base64,") == 7
+    assert "http" not in text
+    assert (results / "shape_00.vtu").stat().st_size > 1000
+
+
+def test_calibration_writes_a_config_with_another_stiffness(
+    tmp_path: Path, coarse: Path, faulty: Path, results: Path
+) -> None:
+    out = tmp_path / "fitted.toml"
+    assert code_of("calibrate", coarse, faulty, "--presses", "0-4", "--out", out, "--quiet") == 0
+    sample = json.loads((results / "summary.json").read_text())["force_error_percent"]["all"]["mean"]
+    factor = load(out).body.materials[0].young / 0.6e6
+    assert abs(1 / factor - 1) == pytest.approx(sample / 100, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["estimate", "{coarse}", "no.csv", "--out", "{tmp}"], "cannot open the recording no.csv"),
+        (["estimate", "no.toml", "{faulty}", "--out", "{tmp}"], "no.toml: cannot be read"),
+        (["estimate", "{coarse}", "{coarse}", "--out", "{tmp}"], "lacks the columns 'time_s'"),
+        (["estimate", "{coarse}", "{faulty}", "--out", "{coarse}"], "cannot make the folder"),
+        (
+            ["calibrate", "{coarse}", "{faulty}", "--presses", "7", "--out", "{tmp}/a.toml"],
+            "has no samples in the presses 7",
+        ),
+        (
+            ["calibrate", "{coarse}", "{faulty}", "--presses", "0..4", "--out", "{tmp}/a.toml"],
+            '--presses "0..4" is no list of numbers',
+        ),
+    ],
+)
+def test_a_mistake_is_told_without_a_traceback(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    coarse: Path,
+    faulty: Path,
+    arguments: list[str],
+    told: str,
+) -> None:
+    named = [a.format(coarse=coarse, faulty=faulty, tmp=tmp_path) for a in arguments]
+    assert code_of(*named) == 2
+    err = capsys.readouterr().err
+    assert told in err and "Traceback" not in err

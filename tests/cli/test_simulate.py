@@ -1,0 +1,54 @@
+"""softfuse simulate."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softfuse.cli import main
+from softfuse.mesh.files import read_mesh
+
+PAD = Path(__file__).parents[2] / "configs" / "pad.toml"
+
+
+def code_of(*arguments: str | Path) -> int | str | None:
+    """The exit code of `softfuse simulate`."""
+    with pytest.raises(SystemExit) as caught:
+        main(["simulate", *map(str, arguments)])
+    return caught.value.code
+
+
+def test_numbers_and_shape_are_written(tmp_path: Path) -> None:
+    numbers, shape = tmp_path / "n.json", tmp_path / "s.vtu"
+    given = ("--contact", "uniform", "--at", "10,-6", "--force", "5", "--quiet")
+    assert code_of(PAD, *given, "--json", numbers, "--vtu", shape) == 0
+    found = json.loads(numbers.read_text())
+    assert set(found) == {
+        "force_N",
+        "depth_mm",
+        "volume_change_mm3",
+        "nodes",
+        "dof",
+        "newton_iterations",
+        "residual_N",
+        "result",
+    }
+    assert found["result"] == "converged" and found["force_N"] == pytest.approx(5.0)
+    assert found["nodes"] <= 5000 and found["residual_N"] < 1e-9
+    assert len(read_mesh(shape).nodes) == found["nodes"]
+    # tests/data/pad_converged.json tells where these come from: high-order displacements, from below.
+    np.testing.assert_allclose(found["volume_change_mm3"][2], -316.8, rtol=0.03)
+
+
+@pytest.mark.parametrize(
+    ("at", "told"),
+    [
+        ("35,0", "overhangs the surface, which spans x -40 to 40 mm"),
+        ("somewhere", "is not a place: give X,Y in mm"),
+    ],
+)
+def test_a_wrong_place_is_one_line(capsys: pytest.CaptureFixture[str], at: str, told: str) -> None:
+    assert code_of(PAD, "--at", at, "--force", "5") == 2
+    err = capsys.readouterr().err
+    assert told in err and err.count("\n") == 1
