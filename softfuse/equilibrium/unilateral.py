@@ -36,12 +36,15 @@ def distribute_on(
     stiff = jnp.where(on[:, None] & on[None, :], compliance.reshape(k, k) / scale, 0.0)
     matrix = jnp.block(
         [
-            [stiff + jnp.diag(jnp.where(on, _SOFTENING, 1.0)), -belongs * on[:, None]],
+            [stiff + jnp.diag(jnp.where(on, 0.0, 1.0)), -belongs * on[:, None]],
             [-belongs.T * on, jnp.zeros((c, c))],
         ]
     )
     rhs = jnp.concatenate([jnp.where(on, -offset.ravel() / scale, 0.0), -total])
-    solution = jnp.linalg.solve(matrix, rhs)
+    factor = jax.scipy.linalg.lu_factor(matrix + jnp.diag(_SOFTENING * (jnp.arange(k + c) < k)))
+    solution = jax.scipy.linalg.lu_solve(factor, rhs)
+    # The softening leaves the solution again where there is one without it.
+    solution = solution + jax.scipy.linalg.lu_solve(factor, rhs - matrix @ solution)
     return solution[:k].reshape(c, m), scale * solution[k:]
 
 

@@ -54,6 +54,7 @@ class Device(eqx.Module):
         return jax.vmap(lambda location: self.at(location).overlap(self.body))(locations)
 
 
+@eqx.filter_jit
 def simulate(
     device: Device, locations: Float[Array, "c 3"], force: Float[Array, " c"], start: State | None = None
 ) -> Solution:
@@ -66,6 +67,7 @@ def simulate(
     return solve(Newton(device.linear), device.body, device.contact_rows(locations), force, start)
 
 
+@eqx.filter_jit
 def compliance(
     device: Device, locations: Float[Array, "c 3"], force: Float[Array, " c"], start: State | None = None
 ) -> Float[Array, "k c"]:

@@ -106,4 +106,4 @@ class Contact(eqx.Module):
         """Fraction of the disc's quadrature points that lie on the surface [-]: 1 unless it overhangs an
         edge.
         """
-        return jnp.mean(self.surface.land(body.rest, self._points())[2])
+        return jnp.mean(self.surface.land(body.rest, self._points())[2], dtype=float)
