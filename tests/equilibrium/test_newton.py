@@ -48,7 +48,7 @@ def elastica(load: float) -> tuple[float, float]:
 
 
 def test_elastica_is_the_tabulated_one_and_for_small_loads_the_linear_beam() -> None:
-    np.testing.assert_allclose(elastica(LOAD), (1 - 0.25442, 0.60325), atol=6e-6)
+    np.testing.assert_allclose(elastica(LOAD), (1 - 0.25442, 0.60325), rtol=0, atol=6e-6)
     np.testing.assert_allclose(elastica(1e-3), (1.0, 1e-3 / 3), rtol=1e-6)
 
 
@@ -113,7 +113,7 @@ def pressed(pad, top):
         top, flat_punch((0.6, 1.0), (1, 4)), jnp.array([0.0094, 0.0104, 0.01]), jnp.asarray(0.006)
     )
     rows = contact.rows(body)[:, None, :]
-    newton = Newton(Multifrontal.plan(body), step_tolerance=1e-11, max_load_steps=10)
+    newton = Newton(Multifrontal.plan(body), step_tolerance=1e-11, max_load_steps=15)
 
     def at(force: float, start: State | None = None) -> Solution:
         start = State.rest(body, 1, rows.shape[2]) if start is None else start
@@ -130,7 +130,10 @@ def test_a_converged_state_is_in_balance(pressed, force) -> None:
     assert solution.result == RESULTS.converged
     assert np.abs(_left(body, rows, state)[: body.n_displacements]).max() < 1e-10 * force
     np.testing.assert_allclose(
-        solution.stats.residual, np.abs(_left(body, rows, state)[: body.n_displacements]).max(), atol=1e-13
+        solution.stats.residual,
+        np.abs(_left(body, rows, state)[: body.n_displacements]).max(),
+        rtol=0,
+        atol=1e-13,
     )
     # The pressures' equations are volume mismatches in units of the shear modulus.
     assert np.abs(_left(body, rows, state)[body.n_displacements :]).max() < 1e-12
@@ -138,8 +141,9 @@ def test_a_converged_state_is_in_balance(pressed, force) -> None:
     assert np.min(_volume_ratios(body, state.z)) > 0
     under = np.einsum("ncm,n->cm", rows, state.z)
     on = np.asarray(state.pressed)
-    np.testing.assert_allclose(under[on], float(state.depth[0]), rtol=1e-8)
-    assert np.all(np.asarray(state.cells) >= 0) and np.all(under >= float(state.depth[0]) * (1 - 1e-10))
+    depth = float(state.depth[0])
+    np.testing.assert_allclose(under[on], depth, rtol=1e-10)
+    assert np.all(np.asarray(state.cells) >= 0) and np.all(under >= depth * (1 - 1e-10))
 
 
 def test_the_path_does_not_matter(pressed) -> None:
@@ -155,7 +159,7 @@ def test_the_path_does_not_matter(pressed) -> None:
         for name in ("z", "cells", "depth"):
             expected = np.asarray(getattr(direct.state, name))
             np.testing.assert_allclose(
-                getattr(found.state, name), expected, atol=1e-8 * np.abs(expected).max(), err_msg=name
+                getattr(found.state, name), expected, rtol=0, atol=1e-8 * np.abs(expected).max(), err_msg=name
             )
         np.testing.assert_array_equal(found.state.pressed, direct.state.pressed)
     again = at(4.0, direct.state)
@@ -170,9 +174,11 @@ def test_no_load_no_motion(pressed) -> None:
     np.testing.assert_array_equal(solution.state.force(), 0.0)
 
 
-@pytest.mark.parametrize("force, result", [(1e3, "step_limit"), (1e4, "diverged"), (1e7, "inverted")])
+@pytest.mark.parametrize(
+    "force, result", [(30.0, "step_limit"), (100.0, "diverged"), (1e4, "inverted"), (1e7, "inverted")]
+)
 def test_far_too_large_a_load_is_a_result_and_leaves_the_last_equilibrium(pressed, force, result) -> None:
-    """Too many increments; none that converges; and not even 1/128 of a step without inverting an element."""
+    """Too many increments; none that converges; and steps that invert elements however short they are."""
     body, rows, at = pressed
     solution = at(force)
     assert solution.result == getattr(RESULTS, result)

@@ -86,9 +86,9 @@ def test_unit_force_through_the_location(block, element, direction) -> None:
     body = _body(block, element)
     contact = _contact(_surface(block, direction, element), uniform())
     force = _nodal(body, _rows(contact, body))[..., 0]
-    np.testing.assert_allclose(force.sum(axis=0), direction / np.linalg.norm(direction), atol=1e-14)
+    np.testing.assert_allclose(force.sum(axis=0), direction / np.linalg.norm(direction), rtol=0, atol=1e-14)
     moment = np.cross(np.asarray(body.rest) - CENTRE, force).sum(axis=0)
-    np.testing.assert_allclose(moment, 0.0, atol=1e-13 * RADIUS)
+    np.testing.assert_allclose(moment, 0.0, rtol=0, atol=1e-13 * RADIUS)
 
 
 def test_every_cell_pushes_where_it_stands(block) -> None:
@@ -97,10 +97,10 @@ def test_every_cell_pushes_where_it_stands(block) -> None:
     contact = _contact(surface, cells)
     force = _nodal(body, _rows(contact, body))
     d = np.asarray(surface.direction)
-    np.testing.assert_allclose(force.sum(axis=0), np.tile(d[:, None], cells.count), atol=1e-14)
+    np.testing.assert_allclose(force.sum(axis=0), np.tile(d[:, None], cells.count), rtol=0, atol=1e-14)
     offset = RADIUS * np.asarray(cells.shares.T @ cells.points @ surface.tangents)
     moment = np.cross(np.asarray(body.rest)[:, :, None] - CENTRE[:, None], force, axis=1).sum(axis=0)
-    np.testing.assert_allclose(moment.T, np.cross(offset, d), atol=1e-13 * RADIUS)
+    np.testing.assert_allclose(moment.T, np.cross(offset, d), rtol=0, atol=1e-13 * RADIUS)
 
 
 def test_a_disc_over_a_step_still_pushes_through_its_location(step) -> None:
@@ -108,15 +108,15 @@ def test_a_disc_over_a_step_still_pushes_through_its_location(step) -> None:
     location = np.array([0.47 * SIZE, 0.5 * SIZE, HEIGHT])
     contact = _contact(_surface(step, DOWN), uniform(), location)
     force = _nodal(body, _rows(contact, body))[..., 0]
-    np.testing.assert_allclose(force.sum(axis=0), DOWN, atol=1e-14)
+    np.testing.assert_allclose(force.sum(axis=0), DOWN, rtol=0, atol=1e-14)
     moment = np.cross(np.asarray(body.rest) - location, force).sum(axis=0)
-    np.testing.assert_allclose(moment, 0.0, atol=1e-13 * RADIUS)
+    np.testing.assert_allclose(moment, 0.0, rtol=0, atol=1e-13 * RADIUS)
     upper = np.isclose(body.rest[:, 2], HEIGHT)
     x = location[0] + RADIUS * np.asarray(contact.cells.points @ contact.surface.tangents)[:, 0]
     above = float(np.asarray(contact.cells.shares)[x < 0.5 * SIZE].sum())
     assert 0.5 < above < 0.9
-    np.testing.assert_allclose(force[upper].sum(axis=0), above * DOWN, atol=1e-14)
-    np.testing.assert_allclose(force[~upper].sum(axis=0), (1 - above) * DOWN, atol=1e-14)
+    np.testing.assert_allclose(force[upper].sum(axis=0), above * DOWN, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(force[~upper].sum(axis=0), (1 - above) * DOWN, rtol=0, atol=1e-14)
 
 
 def test_only_the_outermost_of_two_surfaces_is_pressed(box) -> None:
@@ -184,8 +184,8 @@ def test_gradient_in_the_location_is_that_of_differences(finer, direction) -> No
             ],
             axis=1,
         )
-        np.testing.assert_allclose(slope, difference, atol=1e-7 * np.abs(slope).max())
-        np.testing.assert_allclose(slope @ surface.direction, 0.0, atol=1e-12 * np.abs(slope).max())
+        np.testing.assert_allclose(slope, difference, rtol=0, atol=1e-7 * np.abs(slope).max())
+        np.testing.assert_allclose(slope @ surface.direction, 0.0, rtol=0, atol=1e-12 * np.abs(slope).max())
 
 
 def test_reading_is_continuous_where_points_cross_edges(finer) -> None:
@@ -202,7 +202,7 @@ def test_reading_is_continuous_where_points_cross_edges(finer) -> None:
     assert np.all(change < 1.2 * along)
     # A jump would stay when the steps get shorter; the summed slopes give the whole change.
     whole = 0.5 * (slopes[1:] + slopes[:-1]) @ (path[1] - path[0])
-    np.testing.assert_allclose(whole.sum(axis=0), read[-1] - read[0], atol=0.02 * np.ptp(read))
+    np.testing.assert_allclose(whole.sum(axis=0), read[-1] - read[0], rtol=0, atol=0.02 * np.ptp(read))
 
 
 def test_gradient_in_radius_and_rest_nodes_is_that_of_differences(block) -> None:
@@ -233,11 +233,11 @@ def test_what_overhangs_an_edge_carries_nothing(block) -> None:
     for t in (-1.1, -0.6, 0.01, 0.35, 0.8, 1.1):
         contact = _contact(surface, cells, np.array([SIZE + t * RADIUS, 0.5 * SIZE, HEIGHT]))
         inside = float(np.mean(where[:, 0] + t * RADIUS < 0))
-        np.testing.assert_allclose(_overlap(contact, body), inside, atol=1e-14)
+        np.testing.assert_allclose(_overlap(contact, body), inside, rtol=0, atol=1e-14)
         c = np.clip(t, -1, 1)
         segment = (np.arccos(c) - c * np.sqrt(1 - c * c)) / np.pi
         total = _nodal(body, _rows(contact, body)).sum(axis=(0, 2))
-        np.testing.assert_allclose(total, segment * DOWN, atol=5e-3)
+        np.testing.assert_allclose(total, segment * DOWN, rtol=0, atol=5e-3)
         assert not np.any(np.isnan(_slope(contact.location, contact, body, np.ones(body.n))))
 
 
@@ -246,7 +246,7 @@ def test_surface_is_what_faces_the_disc(block) -> None:
     for direction in (DOWN, OBLIQUE, np.array([1.0, 0.0, 0.0])):
         surface = _surface(block, direction)
         frame = np.vstack([surface.tangents, surface.direction])
-        np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-15)
+        np.testing.assert_allclose(frame @ frame.T, np.eye(3), rtol=0, atol=1e-15)
         middle = mesh.nodes[np.asarray(surface.faces)[:, :3]].mean(axis=1)
         on = [
             np.isclose(middle[:, k], side).any() for k in range(3) for side in (0.0, (SIZE, SIZE, HEIGHT)[k])
