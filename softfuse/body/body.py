@@ -57,7 +57,7 @@ class Body(eqx.Module):
         `densities` [kg/m³]: one a region, 0 where not given; `gravity` [m/s²]. Raises MeshError where mesh,
         regions and fixed nodes do not fit, SoftfuseError when JAX computes in single precision.
         """
-        if not jax.config.jax_enable_x64:
+        if jnp.zeros(()).dtype != jnp.float64:
             raise SoftfuseError(
                 "JAX computes in single precision, which mechanics cannot do with: call "
                 'jax.config.update("jax_enable_x64", True) first, or set JAX_ENABLE_X64=1'

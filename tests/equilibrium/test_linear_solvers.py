@@ -1,5 +1,7 @@
 """Every linear solver solves the tangent of a strained body as numpy does, and says when it cannot."""
 
+import importlib.util
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,6 +12,7 @@ from softfuse.body import QUADRATIC, TAYLOR_HOOD, Body, element_tangents, mesh_f
 from softfuse.equilibrium import Multifrontal, tangent_inverse
 from softfuse.equilibrium.dense import Dense
 from softfuse.equilibrium.dissection import dissect
+from softfuse.equilibrium.pardiso import Pardiso
 from softfuse.equilibrium.sparse import SparseCholesky, SparseLU
 from softfuse.errors import SolveError
 from softfuse.material import NeoHookean
@@ -170,3 +173,15 @@ def test_derivatives_of_the_inverse(pad, generic) -> None:
     pulled = jax.jit(lambda bar: jax.vjp(solved, z, one)[1](bar))(cotangent)
     backward = jnp.vdot(pulled[0], z_dot) + 0.3 * pulled[1]
     np.testing.assert_allclose(backward, np.vdot(cotangent, slope), rtol=1e-10)
+
+
+def test_pardiso_is_right_or_its_extra_is_named(body, generic) -> None:
+    if importlib.util.find_spec("pardiso_mkl_jax") is None:
+        with pytest.raises(SolveError, match=r"softfuse\[mkl\]"):
+            Pardiso.plan(body)
+        return
+    tangents = _tangents(body, generic(body, 0))
+    rhs = np.random.default_rng(1).normal(size=(body.n, 3))
+    exact = np.linalg.solve(_assembled(body, tangents), rhs)
+    x = np.asarray(_solved(Pardiso.plan(body), tangents, rhs))
+    np.testing.assert_allclose(x, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
