@@ -54,21 +54,26 @@ def measure(surface_size: str, base_size: str, frames: int) -> dict[str, float]:
     compiled: list[str] = []
     weight = jnp.full(len(device.cavities), 1e9)
     latency, renewals = [], 0
-    presses = [press(device, place, frames) for place in PLACES]
-    estimator.update(Observation(jnp.zeros_like(weight), weight, jnp.asarray(PLACES[:1])))  # warm
+    presses = [
+        [
+            Observation(jnp.asarray(change), weight, jnp.asarray(location)[None])
+            for location, change in zip(*press(device, place, frames), strict=True)
+        ]
+        for place in PLACES
+    ]
+    estimator.update(presses[0][0])  # warm
     jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: compiled.append(name))
     found = None
-    for locations, changes in presses:
+    for observations in presses:
         estimator.reset()
-        for location, change in zip(locations, changes, strict=True):
-            seen = Observation(jnp.asarray(change), weight, jnp.asarray(location)[None])
+        for seen in observations:
             found = estimator.update(seen)
             latency.append(found.latency_s)
             renewals += found.renewed
     retraced = sum("compile" in name or "trace" in name for name in compiled)
     jax.monitoring.clear_event_listeners()
     assert found is not None
-    rows = device.contact_rows(jnp.asarray(presses[-1][0][-1:]))
+    rows = device.contact_rows(presses[-1][-1].locations)
     left = unbalanced(device.body, rows, estimator.state)[: device.body.n_displacements]
     return {
         "surface_size_mm": float(surface_size.split()[0]),
