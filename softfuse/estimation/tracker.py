@@ -148,7 +148,7 @@ class Tracker:
 
     def reset(self) -> None:
         """Forget the past: nothing has been read, nothing touches."""
-        self._memory = self._first
+        self._memory, self._begun = self._first, False
         self.estimator.reset()
 
     def update(self, frame: Frame) -> Tracked:
@@ -159,7 +159,11 @@ class Tracker:
             self._arrays, self._memory, *(jnp.asarray(reading, float) for reading in readings)
         )
         seen, location = jax.device_get((seen, location))
-        flags = _sensor_flags(seen)
+        counts = np.concatenate([frame.row_counts, frame.column_counts])
+        # In the first frame no electrode has a baseline yet.
+        lost = ~seen.electrode_valid if self._begun else ~np.isfinite(counts)
+        self._begun = True
+        flags = _sensor_flags(seen, lost)
         force, misfit = 0.0, np.full(seen.volume_change_m3.shape, np.nan)
         if not seen.touching:
             self.estimator.reset()
@@ -212,11 +216,11 @@ class Tracker:
         return force, misfit, doubts
 
 
-def _sensor_flags(seen: PadMeasurement) -> list[Status]:
+def _sensor_flags(seen: PadMeasurement, lost: np.ndarray) -> list[Status]:
     said = (
         (not seen.time_valid, Status.bad_time),
         (np.any(seen.flow_missing), Status.flow_missing),
         (np.any(seen.flow_saturated), Status.flow_saturated),
-        (not np.all(seen.electrode_valid), Status.electrode_lost),
+        (np.any(lost), Status.electrode_lost),
     )
     return [status for true, status in said if true]

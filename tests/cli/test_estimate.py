@@ -92,6 +92,7 @@ def test_a_press_is_found_where_and_when_it_is(rows: list[dict[str, str]], fault
 
 
 def test_faults_are_flagged_and_the_rest_is_estimated(rows: list[dict[str, str]]) -> None:
+    assert rows[0]["status"] == "no contact"
     assert "flow missing" in rows[MISSING]["status"]
     assert "malformed row" in rows[CUT]["status"]
     assert "electrode lost" in rows[LOST + 1]["status"]
