@@ -204,7 +204,8 @@ class Tracker:
         if found.lost:
             return float("nan"), np.full(weight.shape, np.nan), [Status.inverted]
         force, doubts = float(found.force[0]), []
-        if force >= self._force_limit:
+        # The cells' forces add up to the limit only up to rounding.
+        if force >= self._force_limit * (1 - 1e-9):
             doubts.append(Status.force_limit)
         misfit = np.where(weight > 0, found.misfit, np.nan)
         largest = np.max(np.abs(seen.volume_change_m3), where=weight > 0, initial=0.0)
