@@ -1,11 +1,9 @@
 """A soft body: rest shape, materials, fixed nodes, and the equilibrium equations that follow from its energy.
 
 Unknowns z (n,): free displacement components [m], node by node, then pressures in units of `pressure_unit`
-(Taylor-Hood).
-The Lagrangian is L(z) = Σ_e Σ_q w density(F, p) − ∫ ρ g·u dV; residual r = ∂L/∂z, tangent K = ∂²L/∂z². At
-rest K = [[A, B], [Bᵀ, −C]].
-Everything numeric is an array leaf, so the residual can be differentiated with respect to materials and rest
-nodes too.
+(Taylor-Hood). The Lagrangian is L(z) = Σ_e Σ_q w density(F, p) − ∫ ρ g·u dV; residual r = ∂L/∂z, tangent K =
+∂²L/∂z². At rest K = [[A, B], [Bᵀ, −C]]. Everything numeric is an array leaf, so the residual can be
+differentiated with respect to materials and rest nodes too.
 """
 
 from collections.abc import Sequence

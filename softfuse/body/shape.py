@@ -1,9 +1,8 @@
 """Shape functions of linear and quadratic simplices in barycentric coordinates.
 
 A quadratic simplex has its corners first, then the middles of its edges, in the order of
-`softfuse.mesh.tetmesh.EDGES`:
-N_i = L_i (2 L_i − 1) at corners and N_ij = 4 L_i L_j on edges. Source: Zienkiewicz and Taylor, The Finite
-Element Method, vol. 1, ch. 8.
+`softfuse.mesh.tetmesh.EDGES`: N_i = L_i (2 L_i − 1) at corners and N_ij = 4 L_i L_j on edges. Source:
+Zienkiewicz and Taylor, The Finite Element Method, vol. 1, ch. 8.
 """
 
 import jax.numpy as jnp

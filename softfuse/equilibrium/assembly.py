@@ -2,8 +2,7 @@
 mesh alone.
 
 Which entries of which elements add up to a nonzero is sorted once, so that assembling values is one gather
-and one
-sum over sorted segments. Constrained unknowns (index n) are dropped.
+and one sum over sorted segments. Constrained unknowns (index n) are dropped.
 """
 
 import equinox as eqx

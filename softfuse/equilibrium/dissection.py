@@ -4,10 +4,9 @@ fronts.
 The elements are halved again and again by planes; the nodes that two halves share (a separator) are
 eliminated after both halves. Eliminating a subdomain's own unknowns couples the unknowns on its border only,
 so every elimination is a small dense *front* [[D, U], [Uᵀ, B]] of `pivots` and `border`, and what is left of
-it, the Schur complement B − UᵀD⁻¹U, is
-added into the parent's front. No sparse matrix is ever assembled. Source of the idea: George, SIAM J. Numer.
-Anal. 10(2), 1973 (dissection);
-Duff and Reid, ACM TOMS 9(3), 1983 (multifrontal elimination). Everything here is numpy and runs once a mesh.
+it, the Schur complement B − UᵀD⁻¹U, is added into the parent's front. No sparse matrix is ever assembled.
+Source of the idea: George, SIAM J. Numer. Anal. 10(2), 1973 (dissection); Duff and Reid, ACM TOMS 9(3), 1983
+(multifrontal elimination). Everything here is numpy and runs once a mesh.
 """
 
 from dataclasses import dataclass
@@ -151,10 +150,9 @@ def dissect(
     """Plan the elimination of `n` unknowns that elements couple.
 
     `element_unknowns` (e, d): the element's unknowns, `n` where constrained; `owner` (d,): the local node
-    that each sits on;
-    `element_nodes` (e, a): node indices; `nodes` (k, 3) m: positions that planes cut through;
-    `leaf_unknowns`: subdomains of at most so many own unknowns
-    are not halved further. Returns the batches of fronts, each batch after those of its children.
+    that each sits on; `element_nodes` (e, a): node indices; `nodes` (k, 3) m: positions that planes cut
+    through; `leaf_unknowns`: subdomains of at most so many own unknowns are not halved further. Returns the
+    batches of fronts, each batch after those of its children.
     """
     centroids = nodes[element_nodes].mean(axis=1)
     fronts = _fronts(element_unknowns, owner, element_nodes, centroids, n, len(nodes), leaf_unknowns)

@@ -1,8 +1,7 @@
 """One interface for K x = b: plan once a body, factor a tangent, solve with the factor as often as needed.
 
 `tangent_inverse` makes an exact differentiable solve of any factor, also a stale one: the factor
-preconditions,
-the body's own tangent action corrects. Source for the split: lineax' linear solvers.
+preconditions, the body's own tangent action corrects. Source for the split: lineax' linear solvers.
 """
 
 from abc import abstractmethod
@@ -47,8 +46,7 @@ def tangent_inverse(
     """The map b (n, c) ↦ K(z)⁻¹ b, differentiable in b, z and body to any order and in both modes.
 
     With a factor of K(z) itself no refinement is needed; with one of a nearby tangent each reduces the error
-    by the factor's
-    distance ‖1 − F⁻¹K‖. Implicit differentiation of K x = b: ẋ = K⁻¹(ḃ − K̇ x).
+    by the factor's distance ‖1 − F⁻¹K‖. Implicit differentiation of K x = b: ẋ = K⁻¹(ḃ − K̇ x).
     """
     factor = jax.lax.stop_gradient(factor)
 

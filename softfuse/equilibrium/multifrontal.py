@@ -1,12 +1,10 @@
 """Sparse direct solution of K x = b for symmetric quasi-definite K, as dense linear algebra inside jit.
 
 K = [[A, B], [Bᵀ, −C]] with A and C positive definite can be eliminated in any symmetric order without
-pivoting
-across fronts (Vanderbei, SIAM J. Optim. 5(1), 1995), so the order is chosen for sparsity alone
-(`dissection`). Each front keeps
-D⁻¹ (s, s) and G = D⁻¹U (s, t); with them a solve is two sweeps of batched matrix products:
-upward b_border −= Gᵀ b_pivots, downward x_pivots = D⁻¹ b_pivots − G x_border.
-A singular front gives NaN, which the caller reads as a result code.
+pivoting across fronts (Vanderbei, SIAM J. Optim. 5(1), 1995), so the order is chosen for sparsity alone
+(`dissection`). Each front keeps D⁻¹ (s, s) and G = D⁻¹U (s, t); with them a solve is two sweeps of batched
+matrix products: upward b_border −= Gᵀ b_pivots, downward x_pivots = D⁻¹ b_pivots − G x_border. A singular
+front gives NaN, which the caller reads as a result code.
 """
 
 import equinox as eqx

@@ -2,13 +2,11 @@
 load continuation.
 
 One iteration linearises the body, K δz = G a − r(z), distributes the forces a over the pressure cells
-(`unilateral`) and
-moves along δz by α ≤ 1, the largest of 1, 1/2, ... whose simplified Newton correction K⁻¹(G a − r) shrinks
-and which turns no element
-inside out. That test is invariant under scaling of forces and pressures, so it serves saddle points, whose
-energy has no minimum (Deuflhard, Newton Methods for Nonlinear Problems, 2011, Sec. 3.3). If an increment of
-force fails it is
-halved. The result is differentiated implicitly, in both modes and to any order, in body, contacts and forces.
+(`unilateral`) and moves along δz by α ≤ 1, the largest of 1, 1/2, ... whose simplified Newton correction
+K⁻¹(G a − r) shrinks and which turns no element inside out. That test is invariant under scaling of forces and
+pressures, so it serves saddle points, whose energy has no minimum (Deuflhard, Newton Methods for Nonlinear
+Problems, 2011, Sec. 3.3). If an increment of force fails it is halved. The result is differentiated
+implicitly, in both modes and to any order, in body, contacts and forces.
 """
 
 import equinox as eqx
@@ -207,8 +205,7 @@ def solve(
     """The equilibrium of a body under c contacts, by continuation of the contact forces from `start`.
 
     `rows` (n, c, m): `Contact.rows` of each contact; `force` (c,) [N]: their totals. Never raises:
-    `Solution.result` says how it
-    ended. Differentiable in body, rows and force by the implicit function theorem; start only says where to
-    search.
+    `Solution.result` says how it ended. Differentiable in body, rows and force by the implicit function
+    theorem; start only says where to search.
     """
     return _equilibrium(body, rows, force, newton, start)

@@ -22,8 +22,7 @@ class State(eqx.Module):
     """What changes while a body deforms, for c contacts of m pressure cells.
 
     `z` (n,): the body's unknowns; `cells` (c, m) [N]: forces of the cells; `depth` (c,) [m]: how far each
-    disc has moved;
-    `pressed` (c, m): which cells touch.
+    disc has moved; `pressed` (c, m): which cells touch.
     """
 
     z: Float[Array, " n"]

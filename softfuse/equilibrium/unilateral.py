@@ -1,11 +1,9 @@
 """Forces of the pressure cells under rigid discs: no tension, no penetration, prescribed totals.
 
 With z = z₀ + Y a the displacements under the cells are g = g₀ + S a, S = Gᵀ K⁻¹ G the compliance. A disc at
-depth d touches
-where g = d and lies above where g > d: 0 ≤ a ⊥ g − d ≥ 0, Σ a = F for each disc, which are the optimality
-conditions of
-min ½ aᵀS a + g₀ᵀ a subject to a ≥ 0, Σ a = F. Solved by a primal-dual active set method (Hintermüller, Ito
-and Kunisch, SIAM J. Optim. 13(3), 2002).
+depth d touches where g = d and lies above where g > d: 0 ≤ a ⊥ g − d ≥ 0, Σ a = F for each disc, which are
+the optimality conditions of min ½ aᵀS a + g₀ᵀ a subject to a ≥ 0, Σ a = F. Solved by a primal-dual active set
+method (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13(3), 2002).
 """
 
 import jax

@@ -2,9 +2,8 @@
 
 jaxopt's BoxOSQP finds the active bounds on the problem with unit diagonal; a direct solve on the free
 unknowns then polishes the solution to machine precision and is what gets differentiated. The KKT residual
-says how far the result is from optimal: the largest violation of
-x = clip(x − (Qx − b)/diag Q, lower, upper), in units of x.
-This is the only file that knows jaxopt.
+says how far the result is from optimal: the largest violation of x = clip(x − (Qx − b)/diag Q, lower, upper),
+in units of x. This is the only file that knows jaxopt.
 """
 
 import warnings

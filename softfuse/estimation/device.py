@@ -1,8 +1,7 @@
 """A soft sensing device: a body, the cavities whose volumes are measured, and how things press on it.
 
 `volume_change(state)` is the measurement model ΔV(q) of Navarro et al. 2020, eq. 8; `jax.jacfwd` of it
-through the
-equilibrium is the compliance W_va.
+through the equilibrium is the compliance W_va.
 """
 
 import equinox as eqx

@@ -1,11 +1,9 @@
 """Frame after frame: sensor readings in, contact location, force and shape out.
 
 The two jitted pieces, sensors and `estimate_step`, are compiled ahead and never again. Between frames this
-file decides whether the factor of
-the tangent is renewed: when the step found that a refinement shrinks the error of its linear solves by less
-than `refresh_contraction`. While
-nothing touches, the body rests and the factor at rest serves. Nothing here is timed or threaded; `hardware`
-does that.
+file decides whether the factor of the tangent is renewed: when the step found that a refinement shrinks the
+error of its linear solves by less than `refresh_contraction`. While nothing touches, the body rests and the
+factor at rest serves. Nothing here is timed or threaded; `hardware` does that.
 """
 
 import time
@@ -28,10 +26,9 @@ from softfuse.estimation.step import Limits, Observation, StepReport, estimate_s
 class StepSettings:
     """How the steps are run: `steps_per_frame` linearisations, each with `refinements` of its linear solves.
 
-    `refresh_contraction` [-]: a first refinement that is not smaller than this part of the solution makes
-    the factor be renewed;
-    `least_volume_ratio` [-]: a state that squeezes an element below this is given up and the body starts
-    from rest.
+    `refresh_contraction` [-]: a first refinement that is not smaller than this part of the solution makes the
+    factor be renewed; `least_volume_ratio` [-]: a state that squeezes an element below this is given up and
+    the body starts from rest.
     """
 
     steps_per_frame: int = 1

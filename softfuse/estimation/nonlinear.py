@@ -1,11 +1,10 @@
 """The converged estimate: forces whose equilibrium explains the measured volumes best, and its implicit
 derivative.
 
-F* = argmin Σ_i ((ΔV_i(F) − ΔV_measured,i) / σ_i)², 0 ≤ F ≤ F_max, with ΔV(F) through the full equilibrium,
-by Gauss-Newton steps on
-W = jacfwd ΔV. On the unbounded forces h(F, θ) = Wᵀ R⁻¹ (ΔV − ΔV_measured) = 0 holds for all θ, hence
-dF = −(∂h/∂F)⁻¹ ∂h/∂θ dθ: exact in every parameter θ of device, measurement and location, second derivatives
-of the body included.
+F* = argmin Σ_i ((ΔV_i(F) − ΔV_measured,i) / σ_i)², 0 ≤ F ≤ F_max, with ΔV(F) through the full equilibrium, by
+Gauss-Newton steps on W = jacfwd ΔV. On the unbounded forces h(F, θ) = Wᵀ R⁻¹ (ΔV − ΔV_measured) = 0 holds for
+all θ, hence dF = −(∂h/∂F)⁻¹ ∂h/∂θ dθ: exact in every parameter θ of device, measurement and location, second
+derivatives of the body included.
 """
 
 import equinox as eqx

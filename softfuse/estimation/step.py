@@ -1,16 +1,14 @@
 """The estimate step: relinearise, bounded QP, advance (Navarro et al. 2020, eqs. 2 and 8 to 10).
 
 At the state (z, a) with contact rows G, K δz = G δa − (r(z) − G a) gives the equilibrium's correction at
-unchanged forces, z₀, and the
-sensitivity t = dz/dF of each contact. With W = ∂V/∂z t and the innovation e = ΔV_measured − ΔV(z₀),
+unchanged forces, z₀, and the sensitivity t = dz/dF of each contact. With W = ∂V/∂z t and the innovation e =
+ΔV_measured − ΔV(z₀),
 
     ΔF = argmin Σ_i (e_i − (W ΔF)_i)² / σ_i² + ε ‖ΔF‖²   subject to 0 ≤ F + ΔF ≤ F_max,
 
 then z = z₀ + t ΔF. ε damps the step and leaves no bias once the steps have converged. Cells that would pull
-are let go (`unilateral`).
-The factor may belong to an older tangent: refinements with the body's own tangent make up for it, and their
-first
-contraction is returned so that the caller knows when a new factor pays.
+are let go (`unilateral`). The factor may belong to an older tangent: refinements with the body's own tangent
+make up for it, and their first contraction is returned so that the caller knows when a new factor pays.
 """
 
 import equinox as eqx
@@ -48,10 +46,9 @@ class StepReport(eqx.Module):
     """How good a step was.
 
     `misfit` (k,) [m³]: measured minus modelled volume change after it; `compliance` (k, c) [m³/N]: W; `kkt`
-    [N]: optimality of the QP;
-    `unbalanced` [N]: largest nodal force out of balance before it; `contraction` [-]: by how much the first
-    refinement shrank the
-    error of the linear solves; `least_volume_ratio` [-]: smallest det F after it.
+    [N]: optimality of the QP; `unbalanced` [N]: largest nodal force out of balance before it; `contraction`
+    [-]: by how much the first refinement shrank the error of the linear solves; `least_volume_ratio` [-]:
+    smallest det F after it.
     """
 
     misfit: Float[Array, " k"]

@@ -143,7 +143,9 @@ def deformed_shape(
     axes.set_box_aspect(high - low)
     axes.view_init(elev=38, azim=-60)
     axes.set(zticks=[round(float(low[2])), round(float(high[2]))])
-    figure.colorbar(ScalarMappable(scale, "viridis"), ax=axes, label="displacement [mm]", shrink=0.7, pad=0.12)
+    figure.colorbar(
+        ScalarMappable(scale, "viridis"), ax=axes, label="displacement [mm]", shrink=0.7, pad=0.12
+    )
     return figure
 
 

@@ -2,9 +2,8 @@
 elements.
 
 x · (∂x/∂ξ × ∂x/∂η) is a polynomial of degree 4 (quadratic faces) or 1 (linear ones) in ξ, η, and the
-quadrature is exact for it.
-The conjugate force of Φ is the gauge pressure inside [Pa]. Source: the divergence theorem; Navarro et al.
-2020, eq. 8.
+quadrature is exact for it. The conjugate force of Φ is the gauge pressure inside [Pa]. Source: the divergence
+theorem; Navarro et al. 2020, eq. 8.
 """
 
 import equinox as eqx

@@ -1,12 +1,11 @@
 """A disc pressed onto a body's surface: the displacement under each of its pressure cells.
 
 The disc of radius a stands over the location c, perpendicular to the pressing direction d; each of its
-quadrature points is carried along d onto
-the outermost face it meets, at rest. Cell k has the functional g_k = Σ_i s_ik d · u(x_i), the mean
-displacement [m] under it, linear in u;
-its conjugate is the cell's force [N], which acts in the direction d. The points move with the disc, not with
-the mesh: g_k is continuous and piecewise
-smooth in the location and needs no mesh that knows the disc. Points beyond the body's edge carry nothing.
+quadrature points is carried along d onto the outermost face it meets, at rest. Cell k has the functional g_k
+= Σ_i s_ik d · u(x_i), the mean displacement [m] under it, linear in u; its conjugate is the cell's force [N],
+which acts in the direction d. The points move with the disc, not with the mesh: g_k is continuous and
+piecewise smooth in the location and needs no mesh that knows the disc. Points beyond the body's edge carry
+nothing.
 """
 
 import equinox as eqx

@@ -122,8 +122,8 @@ def track_baseline(
     """Baseline after one frame.
 
     Args: dt_s time since the last frame [s]; counts (e,) readings, NaN where missing; near, touching: the
-    decision on this frame.
-    The first frames are averaged equally until that average is as long as the time constant.
+    decision on this frame. The first frames are averaged equally until that average is as long as the time
+    constant.
     """
     equal = _equal_frames(state, counts)
     alive = _alive(array, counts, equal)

@@ -9,9 +9,9 @@ dz/dzeta = (d/pi) sqrt(1 + zeta)/zeta, gives the density relative to eps V / d a
     pi s / (2 d) = 1/kappa - artanh(kappa),
 
 s being the distance from the wall (positive outside). kappa -> 1 far inside, kappa -> 2 d / (pi s) far
-outside, kappa(0) = 0.834. Outside a round indenter of radius R the flux of the wall spreads over the
-growing circumference, which multiplies kappa by R / rho.
-Sign: density is positive where the indenter adds capacitance.
+outside, kappa(0) = 0.834. Outside a round indenter of radius R the flux of the wall spreads over the growing
+circumference, which multiplies kappa by R / rho. Sign: density is positive where the indenter adds
+capacitance.
 """
 
 import jax
