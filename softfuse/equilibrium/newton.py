@@ -93,13 +93,12 @@ def _iterate(newton: Newton, body: Body, rows: Array, force: Array, at: _Iterate
         flips, refused = rejected(damping / 2)
         return damping / 2, flipped | flips, refused
 
-    damping, flipped, stuck = jax.lax.while_loop(
+    damping, flipped, _ = jax.lax.while_loop(
         lambda carry: carry[2] & (carry[0] >= _SMALLEST_DAMPING), halve, (jnp.array(1.0), *rejected(1.0))
     )
-    inverted = flipped & stuck
     # A step that was damped is not the last one, however short.
     change = jnp.where(damping == 1.0, length, jnp.maximum(length, 2 * newton.step_tolerance))
-    return _Iterate(moved(damping), change, at.count + 1, damping, inverted)
+    return _Iterate(moved(damping), change, at.count + 1, damping, flipped)
 
 
 def _increment(

@@ -313,13 +313,7 @@ def test_a_tet_is_pushed_almost_flat() -> None:
 def test_no_tet_is_pushed_through_its_base(overload) -> None:
     """The solve fails, and returns the tet above its base within one smallest load step of being flat."""
     solution, ratio, carried = _pushed_tet(overload)
-    # The solve's very last trial step decides which of the two words it ends with.
-    assert solution.result in (RESULTS.inverted, RESULTS.diverged)
+    assert solution.result == RESULTS.inverted
     assert 1.0 - overload / 256 < carried < 1.0
     assert ratio > 0.0
     np.testing.assert_allclose(ratio, 1.0 - carried, atol=1e-9)
-
-
-@pytest.mark.parametrize("overload", [1.3, 3.0])
-def test_pushing_a_tet_through_its_base_is_called_inversion(overload) -> None:
-    assert _pushed_tet(overload)[0].result == RESULTS.inverted
