@@ -13,20 +13,17 @@ import argparse
 import json
 from pathlib import Path
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
+import numpy as np
+from pad_meshes import pad_on
 
-jax.config.update("jax_enable_x64", True)
-
-import equinox as eqx  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from pad_meshes import pad_on  # noqa: E402
-
-from softfuse.config.build_device import build_device, build_limits, build_step_settings  # noqa: E402
-from softfuse.equilibrium.newton import unbalanced  # noqa: E402
-from softfuse.estimation.device import Device, simulate  # noqa: E402
-from softfuse.estimation.estimator import Estimator  # noqa: E402
-from softfuse.estimation.step import Observation  # noqa: E402
+from softfuse.config.build_device import build_device, build_limits, build_step_settings
+from softfuse.equilibrium.newton import unbalanced
+from softfuse.estimation.device import Device, simulate
+from softfuse.estimation.estimator import Estimator
+from softfuse.estimation.step import Observation
 
 SIZES = (("16 mm", "20 mm"), ("14 mm", "14 mm"), ("12 mm", "12 mm"), ("9 mm", "12 mm"))
 """surface_size and base_size of the meshes."""
@@ -109,6 +106,7 @@ def plot(rows: list[dict[str, float]], path: Path) -> float:
 
 def main() -> None:
     """Measure all sizes, print a table, write JSON and picture."""
+    jax.config.update("jax_enable_x64", True)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--frames", type=int, default=100, help="frames of each of the two presses")

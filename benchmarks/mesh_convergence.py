@@ -12,18 +12,15 @@ import json
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
+import numpy as np
+from pad_meshes import CONFIG, pad_on
 
-jax.config.update("jax_enable_x64", True)
-
-import equinox as eqx  # noqa: E402
-import jax.numpy as jnp  # noqa: E402
-import numpy as np  # noqa: E402
-from pad_meshes import CONFIG, pad_on  # noqa: E402
-
-from softfuse.config import load  # noqa: E402
-from softfuse.config.build_device import build_device, with_contact_model  # noqa: E402
-from softfuse.estimation.device import simulate  # noqa: E402
+from softfuse.config import load
+from softfuse.config.build_device import build_device, with_contact_model
+from softfuse.estimation.device import simulate
 
 DATA = CONFIG.parents[1] / "tests" / "data"
 
@@ -64,6 +61,7 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
 
 def main() -> None:
     """Solve all cases on all meshes, print a table, write JSON and picture."""
+    jax.config.update("jax_enable_x64", True)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     given = parser.parse_args()

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import logging
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,8 +19,6 @@ from softfuse.errors import SoftfuseError
 from softfuse.estimation.tracker import Status, Tracked
 from softfuse.hardware.recording import Recording, read_recording
 from softfuse.mesh.files import write_mesh
-
-log = logging.getLogger(__name__)
 
 
 def estimate(
