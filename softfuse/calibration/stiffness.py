@@ -22,14 +22,12 @@ class StiffnessFit:
     n: int
 
 
-def fit_stiffness(
-    estimated_N: Float[np.ndarray, " s"], true_N: Float[np.ndarray, " s"], limit_N: float
-) -> StiffnessFit:
-    """Fit the factor to forces (s,) [N] estimated and true; NaN and those at the limit [N] are left out.
+def fit_stiffness(estimated_N: Float[np.ndarray, " s"], true_N: Float[np.ndarray, " s"]) -> StiffnessFit:
+    """Fit the factor to forces (s,) [N] estimated and true; an estimate that is NaN or 0 says nothing.
 
     Raises SoftfuseError when no sample is left.
     """
-    used = np.isfinite(estimated_N) & (estimated_N > 0) & (estimated_N < limit_N) & (true_N > 0)
+    used = np.isfinite(estimated_N) & (estimated_N > 0) & (true_N > 0)
     if not used.any():
         raise SoftfuseError(
             "no sample of the chosen presses has an estimate within the force limit: choose other presses"

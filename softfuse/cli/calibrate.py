@@ -11,8 +11,9 @@ from softfuse.calibration.stiffness import fit_stiffness
 from softfuse.cli.recorded import sample_frames, samples_at, sensor_columns, sensor_frames
 from softfuse.cli.terminal import Quiet, busy, stdout, tracked
 from softfuse.config import load, save_edited, stiffness_edits
-from softfuse.config.build_device import build_device, build_limits, build_tracker
+from softfuse.config.build_device import build_device, build_tracker
 from softfuse.errors import RecordingError, SoftfuseError
+from softfuse.estimation.tracker import Status
 from softfuse.hardware.recording import Recording, read_recording
 
 
@@ -39,8 +40,9 @@ def calibrate(
         for frame in tracked(sensor_frames(settings, frames)[:last], "estimating", total=last, quiet=quiet)
     ]
     samples = samples_at(frames, found, at)
-    limit = float(build_limits(settings, 1).force[0])
-    fit = fit_stiffness(samples.force_N, samples.true_force_N, limit)
+    # A force at its limit says only that the true one is no smaller.
+    limited = np.array([Status.force_limit in found[i].statuses for i in at])
+    fit = fit_stiffness(np.where(limited, np.nan, samples.force_N), samples.true_force_N)
     save_edited(config, out, stiffness_edits(settings, fit.factor))
     if not quiet:
         stdout.print(

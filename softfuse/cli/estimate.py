@@ -7,10 +7,9 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from jaxtyping import Array
 
 from softfuse.cli.recorded import sensor_columns, sensor_frames
-from softfuse.cli.recording_report import Estimated, summary, write_report
+from softfuse.cli.recording_report import Estimated, Peaks, summary, write_report
 from softfuse.cli.terminal import Quiet, busy, stdout, tracked
 from softfuse.config import load
 from softfuse.config.build_device import build_device, build_tracker
@@ -37,17 +36,17 @@ def estimate(
     with busy("compiling", quiet=quiet):
         tracker = build_tracker(settings, device)
     found: list[Tracked] = []
-    shapes: list[tuple[int, Array]] = []
+    peaks = Peaks()
     for i, frame in enumerate(
         tracked(sensor_frames(settings, frames), "estimating", total=len(frames.time_s), quiet=quiet)
     ):
         now = tracker.update(frame)
-        _keep_shape(shapes, i, now, tracker.z, found)
+        peaks.see(i, now, tracker.z)
         found.append(now)
-    estimated = Estimated(settings, device, mesh, frames, found, shapes)
+    estimated = Estimated(settings, device, mesh, frames, found, peaks.kept)
     write_estimates(out / "estimates.csv", frames, found)
-    for number, (_, z) in enumerate(shapes):
-        displacement = np.asarray(device.body.displacement(z))
+    for number, peak in enumerate(peaks.kept):
+        displacement = np.asarray(device.body.displacement(peak.z))
         write_mesh(out / f"shape_{number:02d}.vtu", mesh.mesh, point_data={"displacement": displacement})
     numbers = summary(estimated) | {"compile_s": tracker.compile_s}
     (out / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
@@ -63,22 +62,6 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SoftfuseError(f"cannot make the folder {folder}: {error.strerror or error}") from error
-
-
-def _keep_shape(
-    shapes: list[tuple[int, Array]], i: int, now: Tracked, z: Array, before: list[Tracked]
-) -> None:
-    """Keep the shape at the largest force of each touch as (frame, unknowns)."""
-    if not now.contacts or not now.force_N > 0:
-        return
-    begun = i - 1
-    while shapes and begun > shapes[-1][0] and before[begun].contacts:
-        begun -= 1
-    if shapes and begun == shapes[-1][0]:
-        if now.force_N > before[begun].force_N:
-            shapes[-1] = (i, z)
-    else:
-        shapes.append((i, z))
 
 
 def write_estimates(path: Path, recording: Recording, found: list[Tracked]) -> None:

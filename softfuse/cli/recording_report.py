@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,35 @@ from softfuse.mesh.surface import outer_surface
 
 
 @dataclass(frozen=True, eq=False)
+class Peak:
+    """The frame of a touch in which the force [N] was largest, and the body's unknowns z (n,) then."""
+
+    frame: int
+    force_N: float
+    z: Array
+
+
+class Peaks:
+    """Keeps the peak of each touch while the frames go by."""
+
+    def __init__(self):
+        """Nothing has touched."""
+        self.kept: list[Peak] = []
+        self._within_touch = False
+
+    def see(self, frame: int, now: Tracked, z: Array) -> None:
+        """Look at the next frame; without an estimated force it only ends a touch or lets it go on."""
+        if not now.contacts:
+            self._within_touch = False
+        elif now.force_N > 0:
+            if not self._within_touch:
+                self.kept.append(Peak(frame, now.force_N, z))
+            elif now.force_N > self.kept[-1].force_N:
+                self.kept[-1] = Peak(frame, now.force_N, z)
+            self._within_touch = True
+
+
+@dataclass(frozen=True, eq=False)
 class Estimated:
     """A recording, what was estimated from its frames, and the shape at the peak of each touch."""
 
@@ -30,12 +60,13 @@ class Estimated:
     mesh: DeviceMesh
     recording: Recording
     found: list[Tracked]
-    shapes: list[tuple[int, Array]]
+    peaks: list[Peak]
 
-
-def _samples(estimated: Estimated) -> Samples | None:
-    at = sample_frames(estimated.recording)
-    return samples_at(estimated.recording, estimated.found, at) if at.size else None
+    @cached_property
+    def samples(self) -> Samples | None:
+        """Estimates and truth where the recording knows it; None where it never does."""
+        at = sample_frames(self.recording)
+        return samples_at(self.recording, self.found, at) if at.size else None
 
 
 def summary(estimated: Estimated) -> dict[str, Any]:
@@ -58,51 +89,47 @@ def summary(estimated: Estimated) -> dict[str, Any]:
         },
         "statuses": dict(Counter(str(status) for row in found for status in row.statuses).most_common()),
     }
-    samples = _samples(estimated)
+    samples = estimated.samples
     if samples is not None:
-        numbers["location_error_mm"] = _scaled(location_table(samples), 1e3)
-        numbers["force_error_percent"] = _scaled(force_table(samples), 100.0)
+        for key, _, _, groups in _tables(samples):
+            numbers[key] = {name: _json(spread) for name, spread in groups.items()}
         numbers["samples"] = len(samples.level)
         numbers["samples_without_estimate"] = int(np.sum(~np.isfinite(samples.force_N)))
     return numbers
 
 
-def _scaled(groups: dict[str, Spread], factor: float) -> dict[str, dict[str, float | None]]:
-    def number(value: float) -> float | None:
-        return factor * value if math.isfinite(value) else None
+def _tables(samples: Samples) -> list[tuple[str, str, str, dict[str, Spread]]]:
+    """Key in summary.json, title in the report, unit and groups of the paper's tables."""
+    return [
+        (key, title, unit, {name: spread.scaled(factor) for name, spread in groups.items()})
+        for key, title, unit, factor, groups in (
+            ("location_error_mm", "Table I: location error", "mm", 1e3, location_table(samples)),
+            ("force_error_percent", "Table II: force error", "%", 100.0, force_table(samples)),
+        )
+    ]
 
-    return {name: asdict(s) | {"mean": number(s.mean), "std": number(s.std)} for name, s in groups.items()}
+
+def _json(spread: Spread) -> dict[str, float | None]:
+    return {name: value if math.isfinite(value) else None for name, value in asdict(spread).items()}
 
 
 def write_report(path: Path, estimated: Estimated, numbers: dict[str, Any]) -> None:
     """Write report.html."""
-    samples = _samples(estimated)
+    samples = estimated.samples
     sections = [("Recording", _overview(numbers))]
     if samples is not None:
-        tables = (("location_error_mm", "mm"), ("force_error_percent", "%"))
-        for title, (key, unit) in zip(
-            ("Table I: location error", "Table II: force error"), tables, strict=True
-        ):
-            groups = {
-                name: Spread(_or_nan(s["mean"]), _or_nan(s["std"]), s["n"])
-                for name, s in numbers[key].items()
-            }
-            sections.append((title, spread_table(unit, groups)))
+        sections += [(title, spread_table(unit, groups)) for _, title, unit, groups in _tables(samples)]
         if np.any(np.isfinite(samples.force_N)):
             caption = "Left: estimated over true force. Right: force error at the true locations."
             sections.append(("Force against truth", picture(figures.force_agreement(samples), caption)))
     sections.append(("Over time", _over_time(estimated)))
     sections.append(("Location", _places(estimated, samples)))
-    if estimated.shapes:
+    if estimated.peaks:
         sections.append(("Shape at the largest force", _shape(estimated)))
     if numbers["contact_frames"]:
         latency = np.array([1e3 * row.latency_s for row in estimated.found if row.contacts])
         sections.append(("Latency", picture(figures.latencies(latency), "Frames with contact.")))
     path.write_text(page(f"{numbers['device']}: {estimated.recording.path.name}", sections), encoding="utf-8")
-
-
-def _or_nan(value: float | None) -> float:
-    return float("nan") if value is None else value
 
 
 def _overview(numbers: dict[str, Any]) -> str:
@@ -150,10 +177,10 @@ def _places(estimated: Estimated, samples: Samples | None) -> str:
 
 def _shape(estimated: Estimated) -> str:
     assert estimated.config.sensors is not None  # a recording was estimated
-    peak = max(estimated.shapes, key=lambda shape: estimated.found[shape[0]].force_N)
-    row = estimated.found[peak[0]]
+    peak = max(estimated.peaks, key=lambda peak: peak.force_N)
+    row = estimated.found[peak.frame]
     mesh = estimated.mesh.mesh
-    displacement = np.asarray(estimated.device.body.displacement(peak[1]))
+    displacement = np.asarray(estimated.device.body.displacement(peak.z))
     faces = outer_surface(mesh).faces
     flat = faces[:, :3] if faces.shape[1] == 3 else _split(faces)
     x, y = 1e3 * row.location_m

@@ -52,6 +52,10 @@ class Spread:
     std: float
     n: int
 
+    def scaled(self, factor: float) -> "Spread":
+        """The same in another unit: mean and deviation times the factor."""
+        return Spread(factor * self.mean, factor * self.std, self.n)
+
 
 def spread(values: Float[np.ndarray, " s"]) -> Spread:
     """Mean and standard deviation of those of the values (s,) that are not NaN."""

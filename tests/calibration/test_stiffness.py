@@ -11,7 +11,7 @@ def test_the_factor_minimises_the_relative_errors() -> None:
     rng = np.random.default_rng(0)
     true = rng.uniform(4, 16, 15)
     estimated = true / 0.92 * (1 + 0.03 * rng.normal(size=15))
-    fit = fit_stiffness(estimated, true, 25.0)
+    fit = fit_stiffness(estimated, true)
 
     def cost(k: float) -> float:
         return float(np.sum((k * estimated / true - 1) ** 2))
@@ -22,8 +22,8 @@ def test_the_factor_minimises_the_relative_errors() -> None:
 
 
 def test_estimates_that_say_nothing_are_left_out() -> None:
-    estimated = np.array([10.0, np.nan, 25.0, 0.0, 5.0])
-    fit = fit_stiffness(estimated, np.array([8.0, 8.0, 30.0, 4.0, 4.0]), 25.0)
+    estimated = np.array([10.0, np.nan, 0.0, 5.0])
+    fit = fit_stiffness(estimated, np.array([8.0, 8.0, 4.0, 4.0]))
     assert fit.n == 2 and fit.factor == pytest.approx(0.8)
     with pytest.raises(SoftfuseError, match="choose other presses"):
-        fit_stiffness(estimated[1:4], np.ones(3), 25.0)
+        fit_stiffness(estimated[1:3], np.ones(2))

@@ -1,0 +1,26 @@
+"""Which shapes of a recording are kept."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from softfuse.cli.recording_report import Peaks
+from softfuse.estimation.tracker import Status, Tracked
+
+
+def seen(contacts: int, force_N: float) -> Tracked:
+    nothing = np.zeros(0)
+    place, image = np.zeros(2), np.zeros((0, 0))
+    return Tracked(
+        0.0, contacts, place, force_N, nothing, nothing, nothing, image, (Status.ok,), latency_s=0.0
+    )
+
+
+def test_each_touch_keeps_the_shape_at_its_largest_force() -> None:
+    forces = [(0, 0.0), (1, np.nan), (1, 2.0), (1, np.nan), (1, 5.0), (1, 1.0), (0, 0.0), (1, 3.0), (1, 0.0)]
+    peaks = Peaks()
+    for frame, (contacts, force_N) in enumerate(forces):
+        peaks.see(frame, seen(contacts, force_N), jnp.full(1, float(frame)))
+    assert [(peak.frame, peak.force_N, float(peak.z[0])) for peak in peaks.kept] == [
+        (4, 5.0, 4.0),
+        (7, 3.0, 7.0),
+    ]
