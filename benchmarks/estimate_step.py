@@ -20,7 +20,7 @@ import numpy as np
 from pad_meshes import pad_on
 
 from softfuse.config.build_device import build_device, build_limits, build_step_settings
-from softfuse.equilibrium.newton import unbalanced
+from softfuse.equilibrium.linearised import unbalanced
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.step import Observation
@@ -33,7 +33,7 @@ PEAK_N = 12.0
 
 def press(device: Device, place: np.ndarray, frames: int):
     """Locations (f, 3) and volume changes (f, k) of a press up to the peak, from five equilibria."""
-    solve = eqx.filter_jit(lambda d, at, f: d.volume_change(simulate(d, at[None], f[None]).state.z))
+    solve = eqx.filter_jit(lambda d, at, f: d.reading(simulate(d, at[None], f[None]).state.z))
     levels = np.linspace(0.0, PEAK_N, 6)
     at = jnp.asarray(place)
     volumes = np.array([np.asarray(solve(device, at, jnp.asarray(level))) for level in levels])
@@ -47,9 +47,9 @@ def measure(surface_size: str, base_size: str, frames: int) -> dict[str, float]:
     """One row of the benchmark."""
     config = pad_on(surface_size, base_size, "0 mm")
     device = build_device(config)
-    estimator = Estimator(device, build_limits(config, 1), build_step_settings(config))
+    estimator = Estimator(device, build_limits(config, 1), jnp.zeros((1, 3)), build_step_settings(config))
     compiled: list[str] = []
-    weight = jnp.full(len(device.cavities), 1e9)
+    weight = jnp.full(len(device.sensors), 1e9)
     latency, renewals = [], 0
     presses = [
         [
@@ -70,8 +70,8 @@ def measure(surface_size: str, base_size: str, frames: int) -> dict[str, float]:
     retraced = sum("compile" in name or "trace" in name for name in compiled)
     jax.monitoring.clear_event_listeners()
     assert found is not None
-    rows = device.contact_rows(presses[-1][-1].locations)
-    left = unbalanced(device.body, rows, estimator.state)[: device.body.n_displacements]
+    loads = device.loads(presses[-1][-1].places)
+    left = unbalanced(device.body, loads, estimator.state)[: device.body.n_displacements]
     return {
         "surface_size_mm": float(surface_size.split()[0]),
         "nodes": device.body.n_nodes,
@@ -82,7 +82,7 @@ def measure(surface_size: str, base_size: str, frames: int) -> dict[str, float]:
         "frames": len(latency),
         "renewed_factors": renewals,
         "residual_N": float(jnp.max(jnp.abs(left))),
-        "force_N": float(found.force[0]),
+        "force_N": float(found.drive[0]),
         "compilations_while_warm": retraced,
     }
 

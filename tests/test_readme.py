@@ -14,6 +14,6 @@ def test_the_example_finds_the_force(monkeypatch: pytest.MonkeyPatch, capsys: py
     monkeypatch.chdir(ROOT)
     names: dict = {}
     exec(compile(example, "README.md", "exec"), names)
-    np.testing.assert_allclose(names["found"].force, names["force"], rtol=1e-4)
+    np.testing.assert_allclose(names["found"].drive, names["force"], rtol=1e-4)
     assert names["w_va"].shape == (4, 1) and float(names["w_va"].min()) < 0
     assert capsys.readouterr().out.startswith("[")

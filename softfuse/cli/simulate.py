@@ -53,13 +53,13 @@ def simulate(
         solution = eqx.filter_jit(equilibrium_under)(
             device, jnp.asarray(location)[None], jnp.array([float(force)])
         )
-        change = device.volume_change(solution.state.z)
+        change = device.reading(solution.state.z)
     result = result_name(solution.result)
     if result != "converged":
         raise SolveError(f"no equilibrium at {force:g} N: {RESULTS[solution.result]}")
     numbers: dict[str, Any] = {
-        "force_N": float(solution.state.force()[0]),
-        "depth_mm": 1e3 * float(solution.state.depth[0]),
+        "force_N": float(solution.state.drive[0]),
+        "depth_mm": 1e3 * float(solution.state.internal[0]),
         "volume_change_mm3": [1e9 * float(v) for v in change],
         "nodes": device.body.n_nodes,
         "dof": device.body.n,
@@ -95,12 +95,13 @@ def parse_location(text: str) -> np.ndarray:
 
 def check_on_body(device: Device, location: np.ndarray) -> None:
     """Raise SoftfuseError unless the whole disc stands on the body."""
-    if float(device.overlap(jnp.asarray(location)[None])[0]) < 1.0:
-        points = np.asarray(device.body.rest)[np.unique(device.contact.surface.faces)]
+    disc = device.contact.at(jnp.asarray(location))
+    if float(disc.overlap(device.body)) < 1.0:
+        points = np.asarray(device.body.rest)[np.unique(disc.surface.faces)]
         low, high = 1e3 * points.min(axis=0), 1e3 * points.max(axis=0)
         raise SoftfuseError(
             f"the contact at ({1e3 * location[0]:g}, {1e3 * location[1]:g}) mm with radius "
-            f"{1e3 * float(device.contact.radius):g} mm overhangs the surface, which spans "
+            f"{1e3 * float(disc.radius):g} mm overhangs the surface, which spans "
             f"x {low[0]:g} to {high[0]:g} mm and y {low[1]:g} to {high[1]:g} mm: move it inwards"
         )
 

@@ -11,6 +11,7 @@ from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.build_sensors import build_sensors
 from softfuse.config.device import DeviceConfig
 from softfuse.equilibrium.multifrontal import Multifrontal
+from softfuse.equilibrium.punch import PunchContact
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import StepSettings
@@ -51,19 +52,23 @@ def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Device
         surface, CONTACT_MODELS[config.contact.model](), jnp.zeros(3), jnp.asarray(config.contact.radius)
     )
     cavities = tuple(Cavity(jnp.asarray(cavity.faces)) for cavity in mesh.cavities)
-    return Device(body, cavities, contact, Multifrontal.plan(body))
+    return Device(body, cavities, PunchContact(contact), Multifrontal.plan(body))
 
 
 def with_contact_model(device: Device, model: str) -> Device:
     """The same device pressed by another contact model, "punch" or "uniform"."""
-    return eqx.tree_at(lambda d: d.contact.cells, device, CONTACT_MODELS[model]())
+    return eqx.tree_at(lambda d: d.contact.disc.cells, device, CONTACT_MODELS[model]())
 
 
 def build_limits(config: DeviceConfig, contacts: int) -> Limits:
     """Bounds and regularisation of the estimate with so many contacts."""
     if config.contact is None:
         raise ConfigError(f"{config.path}: contact: missing, its max_force bounds the estimate")
-    return Limits(jnp.full(contacts, config.contact.max_force), jnp.asarray(config.estimator.regularisation))
+    return Limits(
+        jnp.zeros(contacts),
+        jnp.full(contacts, config.contact.max_force),
+        jnp.full(contacts, config.estimator.regularisation),
+    )
 
 
 def build_step_settings(config: DeviceConfig) -> StepSettings:

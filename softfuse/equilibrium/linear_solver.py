@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float, PyTree
 
-from softfuse.body.body import Body, tangent_action
+from softfuse.body.body import Body
 
 Solve = Callable[[Float[Array, "n c"]], Float[Array, "n c"]]
 
@@ -38,20 +38,17 @@ class AbstractLinearSolver(eqx.Module):
 def tangent_inverse(
     solver: AbstractLinearSolver,
     factor: PyTree[Array],
-    body: Body,
-    z: Float[Array, " n"],
+    action: Solve,
     *,
     refinements: int,
 ) -> Solve:
-    """The map b (n, c) ↦ K(z)⁻¹ b, differentiable in b, z and body to any order and in both modes.
+    """The map b (n, c) ↦ K⁻¹ b, differentiable in b and in all that `action`, x (n, c) ↦ K x, depends on, to
+    any order and in both modes.
 
-    With a factor of K(z) itself no refinement is needed; with one of a nearby tangent each reduces the error
+    With a factor of K itself no refinement is needed; with one of a nearby tangent each reduces the error
     by the factor's distance ‖1 − F⁻¹K‖. Implicit differentiation of K x = b: ẋ = K⁻¹(ḃ − K̇ x).
     """
     factor = jax.lax.stop_gradient(factor)
-
-    def action(x):
-        return tangent_action(body, z, x)
 
     def approximate(matrix, b):
         x = solver.solve(factor, b)

@@ -1,12 +1,12 @@
-"""Equilibrium r(z) = Σ_k a_k G_k under discs of prescribed total force, by Newton's method with damping and
-load continuation.
+"""Equilibrium of a body and its loads at prescribed drives, by Newton's method with damping and continuation.
 
-One iteration linearises the body, K δz = G a − r(z), distributes the forces a over the pressure cells
-(`unilateral`) and moves along δz by α ≤ 1, the largest of 1, 1/2, ... whose simplified Newton correction
-K⁻¹(G a − r) shrinks and which turns no element inside out. That test is invariant under scaling of forces and
-pressures, so it serves saddle points, whose energy has no minimum (Deuflhard, Newton Methods for Nonlinear
-Problems, 2011, Sec. 3.3). If an increment of force fails it is halved. The result is differentiated
-implicitly, in both modes and to any order, in body, contacts and forces.
+One iteration linearises the body, K δz = Σ f ∂y/∂z − r(z), lets the loads find their forces on the linearised
+body (`interface`) and moves along δz by α ≤ 1, the largest of 1, 1/2, ... whose simplified Newton correction,
+of body and laws together, shrinks and which turns no element inside out. That test is invariant under
+scaling of
+forces and pressures, so it serves saddle points, whose energy has no minimum (Deuflhard, Newton Methods for
+Nonlinear Problems, 2011, Sec. 3.3). If an increment of the drives fails it is halved. The result is
+differentiated implicitly, in both modes and to any order, in body, loads and drives.
 """
 
 import equinox as eqx
@@ -14,10 +14,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from softfuse.body.body import Body, element_tangents, residual, volume_ratios
-from softfuse.equilibrium.linear_solver import AbstractLinearSolver, tangent_inverse
+from softfuse.body.body import Body, volume_ratios
+from softfuse.equilibrium.interface import settle, slopes, stiffness
+from softfuse.equilibrium.linear_solver import AbstractLinearSolver, Solve, tangent_inverse
+from softfuse.equilibrium.linearised import coupled, linearise, loaded_tangents, stiffness_action, unbalanced
+from softfuse.equilibrium.load import Loads
 from softfuse.equilibrium.solution import RESULTS, Solution, State, Stats
-from softfuse.equilibrium.unilateral import distribute, distribute_on
 
 _SMALLEST_DAMPING = 1 / 64
 
@@ -50,42 +52,39 @@ class _March(eqx.Module):
     inverted: Bool[Array, ""]
 
 
-def compliance_of(rows: Float[Array, "n c m"], response: Float[Array, "n c m"]) -> Float[Array, "c m c m"]:
-    """S = Gᵀ K⁻¹ G (c, m, c, m) [m/N] of contact rows G and responses K⁻¹ G, both (n, c, m)."""
-    return jnp.einsum("ncm,ndk->cmdk", rows, response)
-
-
-def unbalanced(body: Body, rows: Float[Array, "n c m"], state: State) -> Float[Array, " n"]:
-    """r(z) − G a (n,): what is left of the equilibrium equations."""
-    return residual(body, state.z) - jnp.einsum("ncm,cm->n", rows, state.cells)
-
-
-def _iterate(newton: Newton, body: Body, rows: Array, force: Array, at: _Iterate) -> _Iterate:
-    n, c, m = rows.shape
+def _iterate(newton: Newton, body: Body, loads: Loads, at: _Iterate) -> _Iterate:
     solver, state = newton.linear, at.state
-    factor = solver.factor(element_tangents(body, state.z))
-    both = jnp.concatenate([rows.reshape(n, c * m), residual(body, state.z)[:, None]], axis=1)
-    solved = solver.solve(factor, both)
-    response, relaxed = solved[:, :-1].reshape(n, c, m), state.z - solved[:, -1]
-    offset = jnp.einsum("ncm,n->cm", rows, relaxed)
-    cells, depth, pressed = distribute(state.pressed, compliance_of(rows, response), offset, force)
-    step = relaxed + jnp.einsum("ncm,cm->n", response, cells) - state.z
+    factor = solver.factor(loaded_tangents(body, loads, state))
+
+    def inverse(b):
+        return solver.solve(factor, b)
+
+    linear = linearise(body, loads, inverse, state.z)
+    settled = settle(loads, linear.free, linear.compliance, state.drive, (state.force, state.internal))
+    y = linear.free + linear.compliance @ settled.force
+    slope = slopes(loads, (settled.force, settled.internal), y, state.drive)
+    system = coupled(loads, linear, slope)
+    step = linear.step(settled.force)
     moves = slice(0, body.n_displacements)
-    length = jnp.max(jnp.abs(step[moves]))
+    length = jnp.where(settled.found, jnp.max(jnp.abs(step[moves])), jnp.nan)
 
     def moved(damping):
         return State(
             state.z + damping * step,
-            state.cells + damping * (cells - state.cells),
-            state.depth + damping * (depth - state.depth),
-            pressed,
+            state.force + damping * (settled.force - state.force),
+            state.internal + damping * (settled.internal - state.internal),
+            state.drive,
         )
 
     def rejected(damping):
         trial = moved(damping)
         flipped = ~(jnp.min(volume_ratios(body, trial.z)) > 0)
-        correction = solver.solve(factor, unbalanced(body, rows, trial)[:, None])[moves, 0]
-        small = jnp.max(jnp.abs(correction)) <= jnp.maximum((1 - damping / 4) * length, newton.step_tolerance)
+        missing = loads.equations(trial.force, trial.internal, loads.values(body, trial.z), trial.drive)
+        left = unbalanced(body, loads, trial)
+        correction, _ = system.respond(inverse, -left[:, None], -missing[:, None])
+        small = jnp.max(jnp.abs(correction[moves])) <= jnp.maximum(
+            (1 - damping / 4) * length, newton.step_tolerance
+        )
         return flipped, flipped | ~small
 
     def halve(carry):
@@ -101,31 +100,29 @@ def _iterate(newton: Newton, body: Body, rows: Array, force: Array, at: _Iterate
     return _Iterate(moved(damping), change, at.count + 1, damping, flipped)
 
 
-def _increment(
-    newton: Newton, body: Body, rows: Array, force: Array, start: State
-) -> tuple[State, Array, Array, Array]:
-    """Newton's method at one force: state, whether it converged, iterations, whether an element flipped."""
+def _increment(newton: Newton, body: Body, loads: Loads, start: State) -> tuple[State, Array, Array, Array]:
+    """Newton's method at the drives of `start`: state, whether it converged, iterations, whether an element
+    flipped.
+    """
 
     def unfinished(at: _Iterate):
         alive = (at.damping >= _SMALLEST_DAMPING) & ~jnp.isnan(at.change)
         return alive & (at.count < newton.max_iterations) & ~(at.change <= newton.step_tolerance)
 
     first = _Iterate(start, jnp.array(jnp.inf), jnp.array(0), jnp.array(1.0), jnp.array(False))
-    last = jax.lax.while_loop(unfinished, lambda at: _iterate(newton, body, rows, force, at), first)
+    last = jax.lax.while_loop(unfinished, lambda at: _iterate(newton, body, loads, at), first)
     done = (last.change <= newton.step_tolerance) & ~last.inverted
     return last.state, done, last.count, last.inverted
 
 
-def _march(
-    newton: Newton, body: Body, rows: Array, force: Array, start: State
-) -> tuple[State, RESULTS, Stats]:
-    initial = start.force()
+def _march(newton: Newton, body: Body, loads: Loads, drive: Array, start: State) -> Solution:
+    initial = start.drive
 
     def attempt(at: _March) -> _March:
         reached = jnp.minimum(at.reached + at.increment, 1.0)
-        state, done, count, inverted = _increment(
-            newton, body, rows, initial + reached * (force - initial), at.state
-        )
+        part = jnp.where(reached < 1.0, initial + reached * (drive - initial), drive)
+        aim = eqx.tree_at(lambda s: s.drive, at.state, part)
+        state, done, count, inverted = _increment(newton, body, loads, aim)
         state = jax.tree.map(lambda new, old: jnp.where(done, new, old), state, at.state)
         return _March(
             state,
@@ -150,61 +147,66 @@ def _march(
     failed = RESULTS.where(last.inverted, RESULTS.inverted, RESULTS.diverged)
     failed = RESULTS.where(last.attempts >= newton.max_load_steps, RESULTS.step_limit, failed)
     result = RESULTS.where(last.reached >= 1.0, RESULTS.converged, failed)
-    left = jnp.max(jnp.abs(unbalanced(body, rows, last.state)[: body.n_displacements]))
-    return last.state, result, Stats(last.iterations, last.accepted, left)
+    left = jnp.max(jnp.abs(unbalanced(body, loads, last.state)[: body.n_displacements]))
+    return Solution(last.state, result, Stats(last.iterations, last.accepted, left))
 
 
 @eqx.filter_custom_jvp
-def _equilibrium(body: Body, rows: Array, force: Array, newton: Newton, start: State) -> Solution:
-    return Solution(*_march(newton, body, rows, force, start))
+def _equilibrium(body: Body, loads: Loads, drive: Array, newton: Newton, start: State) -> Solution:
+    return _march(newton, body, loads, drive, start)
 
 
 @_equilibrium.def_jvp
 def _equilibrium_jvp(primals, tangents):
-    body, rows, force, newton, start = primals
-    body_dot, rows_dot, force_dot, _, _ = tangents
-    solution = _equilibrium(body, rows, force, newton, start)
-    z, cells, pressed = solution.state.z, solution.state.cells, solution.state.pressed
-    n, c, m = rows.shape
-    rows_dot = jnp.zeros_like(rows) if rows_dot is None else rows_dot
-    force_dot = jnp.zeros_like(force) if force_dot is None else force_dot
+    body, loads, drive, newton, start = primals
+    body_dot, loads_dot, drive_dot, _, _ = tangents
+    solution = _equilibrium(body, loads, drive, newton, start)
+    state = solution.state
+    x, q = (state.force, state.internal), state.force.shape[0]
+    drive_dot = jnp.zeros_like(drive) if drive_dot is None else drive_dot
 
-    def against(varied):
-        return residual(varied, z)
+    def unsolved(body, loads):
+        """Balance, ports' values and laws at the solution's unknowns."""
+        y = loads.values(body, state.z)
+        return unbalanced(body, loads, state), y, loads.equations(*x, jax.lax.stop_gradient(y), state.drive)
 
-    _, residual_dot = eqx.filter_jvp(against, (body,), (body_dot,))
-    load_dot = jnp.einsum("ncm,cm->n", rows_dot, cells)
-    if residual_dot is not None:  # None: the body is not varied
-        load_dot = load_dot - residual_dot
-    inverse = tangent_at(newton.linear, body, z)
-    response = inverse(rows.reshape(n, c * m)).reshape(n, c, m)
-    relaxed = inverse(load_dot[:, None])[:, 0]
-    offset = jnp.einsum("ncm,n->cm", rows, relaxed) + jnp.einsum("ncm,n->cm", rows_dot, z)
-    cells_dot, depth_dot = distribute_on(pressed, compliance_of(rows, response), offset, force_dot)
-    z_dot = relaxed + jnp.einsum("ncm,cm->n", response, cells_dot)
+    (_, y, _), (left_dot, y_dot, law_dot) = eqx.filter_jvp(unsolved, (body, loads), (body_dot, loads_dot))
+    # None: neither body nor loads are varied in what these depend on.
+    left_dot, y_dot, law_dot = (0.0 if dot is None else dot for dot in (left_dot, y_dot, law_dot))
+    inverse = tangent_at(newton.linear, body, loads, state)
+    rows = loads.rows(body, state.z)
+    response = inverse(rows[:, loads.carrying])
+    relaxed = inverse(jnp.zeros((body.n, 1)) - jnp.reshape(left_dot, (-1, 1)))[:, 0]
+    slope = slopes(loads, x, y, state.drive)
+    right = law_dot + slope.y @ (y_dot + rows.T @ relaxed) + slope.drive @ drive_dot
+    x_dot = -jnp.linalg.solve(stiffness(slope, rows.T @ response), right)
     none = jax.tree.map(lambda _: None, solution)
     tangent = eqx.tree_at(
-        lambda s: (s.state.z, s.state.cells, s.state.depth, s.stats.residual),
+        lambda s: (s.state.z, s.state.force, s.state.internal, s.state.drive, s.stats.residual),
         none,
-        (z_dot, cells_dot, depth_dot, jnp.zeros_like(solution.stats.residual)),
+        (
+            relaxed + response @ x_dot[:q],
+            x_dot[:q],
+            x_dot[q:],
+            drive_dot,
+            jnp.zeros_like(solution.stats.residual),
+        ),
         is_leaf=lambda leaf: leaf is None,
     )
     return solution, tangent
 
 
-def tangent_at(linear: AbstractLinearSolver, body: Body, z: Float[Array, " n"]):
-    """K(z)⁻¹ by a factor of K(z) itself, as a differentiable map (`linear_solver.tangent_inverse`)."""
-    factor = linear.factor(jax.lax.stop_gradient(element_tangents(*jax.lax.stop_gradient((body, z)))))
-    return tangent_inverse(linear, factor, body, z, refinements=0)
+def tangent_at(linear: AbstractLinearSolver, body: Body, loads: Loads, state: State) -> Solve:
+    """K⁻¹ at a state by a factor of K itself, as a differentiable map (`linear_solver.tangent_inverse`)."""
+    factor = linear.factor(loaded_tangents(*jax.lax.stop_gradient((body, loads, state))))
+    return tangent_inverse(linear, factor, lambda x: stiffness_action(body, loads, state, x), refinements=0)
 
 
-def solve(
-    newton: Newton, body: Body, rows: Float[Array, "n c m"], force: Float[Array, " c"], start: State
-) -> Solution:
-    """The equilibrium of a body under c contacts, by continuation of the contact forces from `start`.
+def solve(newton: Newton, body: Body, loads: Loads, drive: Float[Array, " D"], start: State) -> Solution:
+    """The equilibrium of a body under its loads, by continuation of their drives from those of `start`.
 
-    `rows` (n, c, m): `Contact.rows` of each contact; `force` (c,) [N]: their totals. Never raises:
-    `Solution.result` says how it ended. Differentiable in body, rows and force by the implicit function
-    theorem; start only says where to search.
+    `drive` (D,): what is prescribed, in the order of the loads. Never raises: `Solution.result` says how it
+    ended. Differentiable in body, loads and drive by the implicit function theorem; start only says where to
+    search.
     """
-    return _equilibrium(body, rows, force, newton, start)
+    return _equilibrium(body, loads, drive, newton, start)

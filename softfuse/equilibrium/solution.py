@@ -2,9 +2,10 @@
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from softfuse.body.body import Body
+from softfuse.equilibrium.load import Loads
 
 
 class RESULTS(eqx.Enumeration):
@@ -19,30 +20,21 @@ class RESULTS(eqx.Enumeration):
 
 
 class State(eqx.Module):
-    """What changes while a body deforms, for c contacts of m pressure cells.
+    """What changes while a body deforms under its loads.
 
-    `z` (n,): the body's unknowns; `cells` (c, m) [N]: forces of the cells; `depth` (c,) [m]: how far each
-    disc has moved; `pressed` (c, m): which cells touch.
+    `z` (n,): the body's unknowns; `force` (Q,): of the ports that carry one; `internal` (M,): the loads' own
+    unknowns; `drive` (D,): what is prescribed.
     """
 
     z: Float[Array, " n"]
-    cells: Float[Array, "c m"]
-    depth: Float[Array, " c"]
-    pressed: Bool[Array, "c m"]
+    force: Float[Array, " Q"]
+    internal: Float[Array, " M"]
+    drive: Float[Array, " D"]
 
     @classmethod
-    def rest(cls, body: Body, contacts: int, cells: int) -> "State":
-        """The undeformed state of a body with so many contacts of so many cells."""
-        return cls(
-            jnp.zeros(body.n),
-            jnp.zeros((contacts, cells)),
-            jnp.zeros(contacts),
-            jnp.ones((contacts, cells), bool),
-        )
-
-    def force(self) -> Float[Array, " c"]:
-        """Total force (c,) [N] of each contact."""
-        return jnp.sum(self.cells, axis=1)
+    def rest(cls, body: Body, loads: Loads) -> "State":
+        """The undeformed state."""
+        return cls(jnp.zeros(body.n), *loads.start())
 
 
 class Stats(eqx.Module):

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.body.body import element_tangents
+from softfuse.equilibrium.linearised import loaded_tangents
 from softfuse.equilibrium.solution import State
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device
@@ -42,14 +42,15 @@ DEFAULT_STEPS = StepSettings()
 
 @dataclass(frozen=True)
 class Estimate:
-    """What one frame says: forces (c,) [N], the shape as unknowns z (n,), modelled volume changes (k,) [m³]
-    and the step's report.
+    """What one frame says: drives (D,), contacts' forces [N] first, the shape as unknowns z (n,), measured
+    minus modelled readings (k,) and the step's report.
 
-    `renewed`: the factor was renewed for this frame; `lost`: the state was given up, forces are 0;
+    `renewed`: the factor was renewed for this frame; `lost`: the state was given up, drives are those at
+    rest;
     `latency_s`: wall time from call to return.
     """
 
-    force: Float[np.ndarray, " c"]
+    drive: Float[np.ndarray, " D"]
     z: Float[Array, " n"]
     misfit: Float[np.ndarray, " k"]
     report: StepReport
@@ -61,33 +62,39 @@ class Estimate:
 class Estimator:
     """Follows the state of one device through observations; compiled when made."""
 
-    def __init__(self, device: Device, limits: Limits, settings: StepSettings = DEFAULT_STEPS):
-        """Compile the step for the number of contacts that `limits` has. Raises SolveError when the body's
-        tangent at rest is singular.
+    def __init__(self, device: Device, limits: Limits, places: Array, settings: StepSettings = DEFAULT_STEPS):
+        """Compile the step for as many contacts as there are `places` (c, ...), wherever they are.
+
+        Raises SolveError when the body's tangent at rest is singular, or when the limits are for another
+        number of drives than contacts and attached loads have.
         """
         self.device, self.limits, self.settings = device, limits, settings
-        self.contacts = limits.force.shape[0]
-        self._rest = device.rest_state(self.contacts)
+        self._rest = device.rest_state(places)
+        if limits.upper.shape != self._rest.drive.shape:
+            raise SolveError(
+                f"{limits.upper.shape[0]} limits for {self._rest.drive.shape[0]} drives: give one for each "
+                "contact, then for each attached load"
+            )
         arrays, static = eqx.partition((device, limits), eqx.is_array)
         self._arrays = arrays
 
-        def factor(arrays, z):
+        def factor(arrays, state, places):
             device, _ = eqx.combine(arrays, static)
-            return device.linear.factor(element_tangents(device.body, z))
+            return device.linear.factor(loaded_tangents(device.body, device.loads(places), state))
 
         def step(arrays, factor, state, seen):
             device, limits = eqx.combine(arrays, static)
             return estimate_step(device, limits, factor, state, seen, refinements=settings.refinements)
 
         started = time.perf_counter()
-        self._factor = jax.jit(factor).lower(arrays, self._rest.z).compile()
-        self._rest_factor = self._factor(arrays, self._rest.z)
+        self._factor = jax.jit(factor).lower(arrays, self._rest, places).compile()
+        self._rest_factor = self._factor(arrays, self._rest, places)
         if not all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(self._rest_factor)):
             raise SolveError(
                 "the body's stiffness at rest is singular: fix more nodes, or mend materials and mesh"
             )
-        k = len(device.cavities)
-        seen = Observation(jnp.zeros(k), jnp.zeros(k), jnp.zeros((self.contacts, 3)))
+        k = len(device.sensors)
+        seen = Observation(jnp.zeros(k), jnp.zeros(k), places)
         self._step = jax.jit(step).lower(arrays, self._rest_factor, self._rest, seen).compile()
         self.compile_s = time.perf_counter() - started
         self.reset()
@@ -107,7 +114,7 @@ class Estimator:
         started = time.perf_counter()
         renewed = self._renew
         if renewed:
-            self._tangent = self._factor(self._arrays, self._state.z)
+            self._tangent = self._factor(self._arrays, self._state, seen.places)
         state, report = self._state, None
         for _ in range(self.settings.steps_per_frame):
             state, report = self._step(self._arrays, self._tangent, state, seen)
@@ -121,7 +128,7 @@ class Estimator:
             # A factor that was just made and still contracts badly would not get better by making it again.
             self._renew = contraction > self.settings.refresh_contraction and not renewed
         return Estimate(
-            np.asarray(self._state.force()),
+            np.asarray(self._state.drive),
             self._state.z,
             np.asarray(report.misfit),
             report,

@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.errors import SolveError
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimator, StepSettings
 from softfuse.estimation.step import Limits, Observation
@@ -118,14 +117,12 @@ class Tracker:
     ):
         """Compile sensors and estimate step.
 
-        Raises SolveError when the body cannot be estimated (see `Estimator`) or the limits are for another
-        number of contacts than the one that crossed lines can locate.
+        Raises SolveError when the body cannot be estimated (see `Estimator`) or the limits are for more than
+        the one contact that crossed lines can locate.
         """
-        if limits.force.shape != (1,):
-            raise SolveError("rows and columns of electrodes locate one contact: give limits for one")
-        self.estimator = Estimator(device, limits, steps)
+        self.estimator = Estimator(device, limits, jnp.zeros((1, 3)), steps)
         self.settings = settings
-        self._force_limit = float(limits.force[0])
+        self._force_limit = float(limits.upper[0])
         self._first = pad_sensor_init(sensors)
         arrays, static = eqx.partition(sensors, eqx.is_array)
         self._arrays = arrays
@@ -203,7 +200,7 @@ class Tracker:
         )
         if found.lost:
             return float("nan"), np.full(weight.shape, np.nan), [Status.inverted]
-        force, doubts = float(found.force[0]), []
+        force, doubts = float(found.drive[0]), []
         # The cells' forces add up to the limit only up to rounding.
         if force >= self._force_limit * (1 - 1e-9):
             doubts.append(Status.force_limit)

@@ -7,11 +7,23 @@ theorem; Navarro et al. 2020, eq. 8.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from softfuse.body.quadrature import TRIANGLE_6
 from softfuse.body.shape import linear, linear_slopes, quadratic, quadratic_slopes
+
+
+def cone_volume(x: Float[Array, "s 3"]) -> Float[Array, ""]:
+    """Signed volume [m³] between the origin and one face of nodes x (s, 3) m."""
+    points, weights = TRIANGLE_6
+    is_linear = x.shape[0] == 3
+    values = linear(points) if is_linear else quadratic(points)
+    slopes = linear_slopes(points) if is_linear else quadratic_slopes(points)
+    along = jnp.einsum("si,qsd->dqi", x, slopes[:, :, 1:] - slopes[:, :, :1])
+    outwards = jnp.cross(along[0], along[1])
+    return jnp.einsum("qi,qi,q->", jnp.asarray(values) @ x, outwards, jnp.asarray(weights)) / 6.0
 
 
 class Cavity(eqx.Module):
@@ -21,11 +33,4 @@ class Cavity(eqx.Module):
 
     def __call__(self, positions: Float[Array, "k 3"]) -> Float[Array, ""]:
         """Enclosed volume [m³] at node positions (k, 3) m."""
-        points, weights = TRIANGLE_6
-        is_linear = self.faces.shape[1] == 3
-        values = linear(points) if is_linear else quadratic(points)
-        slopes = linear_slopes(points) if is_linear else quadratic_slopes(points)
-        x = positions[self.faces]
-        at = jnp.einsum("fsi,qs->fqi", x, values)
-        along = jnp.einsum("fsi,qsd->dfqi", x, slopes[:, :, 1:] - slopes[:, :, :1])
-        return jnp.einsum("fqi,fqi,q->", at, jnp.cross(along[0], along[1]), jnp.asarray(weights)) / 6.0
+        return jnp.sum(jax.vmap(cone_volume)(positions[self.faces]))

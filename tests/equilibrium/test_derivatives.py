@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from softfuse.equilibrium import RESULTS, Newton, State, solve
+from softfuse.equilibrium import RESULTS, Loads, Newton, Punch, State, solve
 from softfuse.equilibrium.dense import Dense
 from softfuse.functional import Cavity, Contact, Marker, flat_punch
 from softfuse.material import NeoHookean
@@ -55,10 +55,11 @@ class Model:
         def read(cause: Cause, start: State) -> Effect:
             self.traces += 1
             changed = body.with_rest(cause.rest).with_materials([cause.law])
-            rows = Contact(top, cells, cause.location, cause.radius).rows(changed)[:, None, :]
-            solution = solve(newton, changed, rows, cause.force, start)
+            disc = Contact(top, cells, cause.location, cause.radius)
+            loads = Loads((Punch.of(disc, changed),))
+            solution = solve(newton, changed, loads, cause.force, start)
             x = changed.rest + changed.displacement(solution.state.z)
-            readings = jnp.stack([marker(x), volume(x), solution.state.depth[0]])
+            readings = jnp.stack([marker(x), volume(x), solution.state.internal[0]])
             return Effect(readings, solution.state, solution.result)
 
         def forward(cause, start, direction):
@@ -78,7 +79,7 @@ class Model:
         self.read = read
         self.forward = jax.jit(forward)
         self.backward = jax.jit(backward)
-        self.rest = State.rest(body, 1, cells.count)
+        self.rest = State(jnp.zeros(body.n), jnp.zeros(cells.count), jnp.zeros(1), jnp.zeros(1))
         self.at = Cause(
             jnp.array([3.0]),
             body.materials[0],
@@ -109,13 +110,13 @@ class Model:
         """Readings of a full solve from rest, which must press the same cells as everywhere here."""
         _, effect = self.forward(cause, self.rest, self.only())
         assert effect.result == RESULTS.converged
-        np.testing.assert_array_equal(effect.state.pressed, self.pressed)
+        np.testing.assert_array_equal(effect.state.force > 0, self.pressed)
         return np.asarray(effect.readings)
 
     @property
     def pressed(self) -> np.ndarray:
         """The cells that carry force at the cause: some of them."""
-        pressed = np.asarray(self.forward(self.at, self.rest, self.only())[1].state.pressed)
+        pressed = np.asarray(self.forward(self.at, self.rest, self.only())[1].state.force) > 0
         assert 1 < pressed.sum() < pressed.size
         return pressed
 

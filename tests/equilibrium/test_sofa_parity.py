@@ -26,7 +26,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from softfuse.body import LINEAR, Body, volume_ratios
-from softfuse.equilibrium import RESULTS, Newton, Solution, State, solve
+from softfuse.equilibrium import RESULTS, LinearPorts, Loads, Newton, PrescribedForce, Solution, State, solve
 from softfuse.equilibrium.dense import Dense
 from softfuse.equilibrium.sparse import SparseLU
 from softfuse.functional import Cavity
@@ -179,9 +179,14 @@ def _reference(name: str, newtons: float, rotation: str) -> np.ndarray:
 # The same pad in softfuse.
 
 
+def _along(rows: np.ndarray) -> Loads:
+    """A force [N] along nodal forces (n,) a newton."""
+    return Loads((PrescribedForce(LinearPorts(jnp.zeros(1), jnp.asarray(rows)[:, None]), jnp.ones(1)),))
+
+
 @cache
-def _body(name: str) -> tuple[Body, Newton, jnp.ndarray]:
-    """Linear corotational body, its Newton, and the load vector (n, 1, 1) a newton of total force."""
+def _body(name: str) -> tuple[Body, Newton, Loads]:
+    """Linear corotational body, its Newton, and the load."""
     pad = _pad(name)
     fixed = np.zeros(len(pad.nodes), bool)
     fixed[pad.bottom] = True
@@ -189,13 +194,13 @@ def _body(name: str) -> tuple[Body, Newton, jnp.ndarray]:
     body = Body.from_mesh(tet_mesh(1e-3 * pad.nodes, pad.tets), [law], fixed, element=LINEAR)
     load = np.zeros(body.n)
     load[np.asarray(body.displacement_index)[pad.press, 2]] = -1.0 / len(pad.press)
-    return body, Newton(SparseLU.plan(body)), jnp.asarray(load)[:, None, None]
+    return body, Newton(SparseLU.plan(body)), _along(load)
 
 
 @cache
 def _solution(name: str, newtons: float) -> Solution:
     body, newton, load = _body(name)
-    return _solve(newton, body, load, jnp.array([float(newtons)]), State.rest(body, 1, 1))
+    return _solve(newton, body, load, jnp.array([float(newtons)]), State.rest(body, load))
 
 
 def _displacement(name: str, newtons: float) -> np.ndarray:
@@ -204,7 +209,7 @@ def _displacement(name: str, newtons: float) -> np.ndarray:
     solution = _solution(name, newtons)
     assert solution.result == RESULTS.converged
     assert float(_volume_ratios(body, solution.state.z).min()) > 0.0
-    np.testing.assert_allclose(solution.state.force(), [newtons], rtol=1e-12)
+    np.testing.assert_allclose(solution.state.force, [newtons], rtol=1e-12)
     return 1e3 * np.asarray(body.displacement(solution.state.z))
 
 
@@ -267,7 +272,7 @@ def test_a_pad_that_cannot_carry_the_load_says_so(newtons) -> None:
     assert solution.result != RESULTS.converged
     assert float(_volume_ratios(body, solution.state.z).min()) > 0.0
     # What comes back is the equilibrium of a load that the pad did carry.
-    assert 10.0 < float(solution.state.force()[0]) < newtons
+    assert 10.0 < float(solution.state.force[0]) < newtons
     assert float(solution.stats.residual) < 1e-9
 
 
@@ -296,11 +301,11 @@ def _pushed_tet(overload: float) -> tuple[Solution, float, float]:
     law, fixed = Springs(jnp.array(1e5), jnp.array(0.0)), np.array([True, True, True, False])
     body = Body.from_mesh(tet_mesh(nodes, [[0, 1, 2, 3]]), [law], fixed, element=LINEAR)
     flat = 1e5 * 0.5 * 0.01**2 / 3.0
-    load = jnp.array([0.0, 0.0, -1.0])[:, None, None]
-    start = State.rest(body, 1, 1)
+    load = _along(np.array([0.0, 0.0, -1.0]))
+    start = State.rest(body, load)
     solution = _solve(Newton(Dense.plan(body)), body, load, jnp.array([overload * flat]), start)
     ratio = float(_volume_ratios(body, solution.state.z)[0, 0])
-    return solution, ratio, float(solution.state.force()[0]) / flat
+    return solution, ratio, float(solution.state.force[0]) / flat
 
 
 def test_a_tet_is_pushed_almost_flat() -> None:

@@ -13,7 +13,7 @@ AT = jnp.array([[14e-3, -2e-3, 0.0]])
 
 @pytest.fixture(scope="module")
 def estimator(device, one) -> Estimator:
-    return Estimator(device, one)
+    return Estimator(device, one, AT)
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def press(device, volumes_under) -> list[Observation]:
 def test_it_follows_a_press(estimator: Estimator, press: list[Observation]) -> None:
     estimator.reset()
     found = [estimator.update(seen) for seen in press]
-    force = np.array([e.force[0] for e in found])
+    force = np.array([e.drive[0] for e in found])
     np.testing.assert_allclose(force[-1], 9.0, rtol=1e-6)
     np.testing.assert_allclose(force, np.minimum(np.linspace(0, 12, 40), 9.0), atol=0.05)
     assert not any(e.lost for e in found)
@@ -51,25 +51,25 @@ def test_nothing_is_compiled_while_it_runs(estimator: Estimator, press: list[Obs
 
 def test_a_reset_forgets(estimator: Estimator, press: list[Observation]) -> None:
     estimator.reset()
-    first = [estimator.update(seen).force[0] for seen in press[:10]]
+    first = [estimator.update(seen).drive[0] for seen in press[:10]]
     estimator.update(press[-1])
     estimator.reset()
-    assert [estimator.update(seen).force[0] for seen in press[:10]] == first
+    assert [estimator.update(seen).drive[0] for seen in press[:10]] == first
 
 
 def test_volumes_that_no_force_explains_leave_a_finite_state(estimator: Estimator, press) -> None:
     estimator.reset()
     for change in (jnp.full(2, -1e-3), jnp.full(2, jnp.nan), jnp.full(2, 1e-3)):
         found = estimator.update(Observation(change, jnp.full(2, 1e9), AT))
-        assert found.lost or np.all(np.isfinite(found.force))
+        assert found.lost or np.all(np.isfinite(found.drive))
         assert bool(jnp.all(jnp.isfinite(estimator.state.z)))
     estimator.reset()
     for seen in press:
         found = estimator.update(seen)
-    np.testing.assert_allclose(found.force[0], 9.0, rtol=1e-6)
+    np.testing.assert_allclose(found.drive[0], 9.0, rtol=1e-6)
 
 
 def test_more_steps_a_frame_follow_closer(device, one, press: list[Observation]) -> None:
-    patient = Estimator(device, one, StepSettings(steps_per_frame=3))
-    force = np.array([patient.update(seen).force[0] for seen in press])
+    patient = Estimator(device, one, AT, StepSettings(steps_per_frame=3))
+    force = np.array([patient.update(seen).drive[0] for seen in press])
     np.testing.assert_allclose(force, np.minimum(np.linspace(0, 12, 40), 9.0), atol=1e-3)

@@ -35,24 +35,26 @@ def seen(device, volumes_under) -> Observation:
 
 @pytest.fixture(scope="module")
 def unregularised() -> Limits:
-    return Limits(jnp.array([25.0]), jnp.asarray(0.0))
+    return Limits(jnp.zeros(1), jnp.array([25.0]), jnp.zeros(1))
 
 
 @pytest.fixture(scope="module")
 def stepped():
     """stepped(device, limits, seen): state and report after six exact steps from rest, compiled once."""
-    return eqx.filter_jit(lambda d, lim, seen: exact_steps(d, lim, d.rest_state(1), seen, steps=STEPS))
+    return eqx.filter_jit(
+        lambda d, lim, seen: exact_steps(d, lim, d.rest_state(seen.places), seen, steps=STEPS)
+    )
 
 
 @pytest.fixture(scope="module")
 def converged():
     """converged(device, limits, seen): the nonlinear estimate, compiled once."""
-    return eqx.filter_jit(lambda d, lim, seen: nonlinear_estimate(d, lim, d.rest_state(1), seen))
+    return eqx.filter_jit(lambda d, lim, seen: nonlinear_estimate(d, lim, d.rest_state(seen.places), seen))
 
 
 def test_steps_recover_a_known_force(device, volumes_under, stepped, one) -> None:
     state, report = stepped(device, one, _observation(volumes_under(device, AT, TRUE)))
-    np.testing.assert_allclose(state.force(), TRUE, rtol=1e-9)
+    np.testing.assert_allclose(state.drive, TRUE, rtol=1e-9)
     assert float(jnp.max(jnp.abs(report.misfit))) < 1e-15  # m³, of some 1e-7
     assert float(report.unbalanced) < 1e-9
 
@@ -62,23 +64,23 @@ def test_iterated_steps_are_the_converged_estimate(device, stepped, converged, u
     state, _ = stepped(device, unregularised, seen)
     assert bool(found.converged)
     # Gauss-Newton ends where Wᵀ R⁻¹ e = 0, which the misfit keeps from being trivially so.
-    np.testing.assert_allclose(state.force(), found.force, rtol=1e-7)
+    np.testing.assert_allclose(state.drive, found.drive, rtol=1e-7)
 
 
 def test_force_limits_hold(device, stepped, converged, seen) -> None:
-    limits = Limits(jnp.array([4.0]), jnp.asarray(0.0))
+    limits = Limits(jnp.zeros(1), jnp.array([4.0]), jnp.zeros(1))
     state, report = stepped(device, limits, seen)
-    np.testing.assert_allclose(state.force(), [4.0], rtol=1e-12)
+    np.testing.assert_allclose(state.drive, [4.0], rtol=1e-12)
     assert float(report.kkt) < 1e-9
-    np.testing.assert_allclose(converged(device, limits, seen).force, [4.0], rtol=1e-12)
-    pulled = eqx.tree_at(lambda s: s.volume_change, seen, -seen.volume_change)
-    np.testing.assert_allclose(stepped(device, limits, pulled)[0].force(), [0.0], atol=1e-12)
+    np.testing.assert_allclose(converged(device, limits, seen).drive, [4.0], rtol=1e-12)
+    pulled = eqx.tree_at(lambda s: s.reading, seen, -seen.reading)
+    np.testing.assert_allclose(stepped(device, limits, pulled)[0].drive, [0.0], atol=1e-12)
 
 
 def test_a_cavity_without_weight_is_ignored(device, volumes_under, stepped, one) -> None:
     change = volumes_under(device, AT, TRUE)
     broken = Observation(change.at[1].set(jnp.nan), jnp.array([1e9, 0.0]), AT)
-    np.testing.assert_allclose(stepped(device, one, broken)[0].force(), TRUE, rtol=1e-7)
+    np.testing.assert_allclose(stepped(device, one, broken)[0].drive, TRUE, rtol=1e-7)
 
 
 def test_compliance_is_the_slope_of_the_volumes(device, volumes_under) -> None:
@@ -93,7 +95,7 @@ def _parameters(device, seen, factor, shift, extra):
     softer = eqx.tree_at(
         lambda d: d.body.materials, device, jax.tree.map(lambda leaf: factor * leaf, device.body.materials)
     )
-    moved = Observation(seen.volume_change.at[0].add(extra), seen.weight, seen.locations.at[0, 0].add(shift))
+    moved = Observation(seen.reading.at[0].add(extra), seen.weight, seen.places.at[0, 0].add(shift))
     return softer, moved
 
 
@@ -103,12 +105,12 @@ def test_unrolled_and_implicit_gradients_agree_with_differences(
     @eqx.filter_jit
     def unrolled(theta):
         d, s = _parameters(device, seen, *theta)
-        return exact_steps(d, unregularised, d.rest_state(1), s, steps=STEPS)[0].force()[0]
+        return exact_steps(d, unregularised, d.rest_state(seen.places), s, steps=STEPS)[0].drive[0]
 
     @eqx.filter_jit
     def implicit(theta):
         d, s = _parameters(device, seen, *theta)
-        return nonlinear_estimate(d, unregularised, d.rest_state(1), s).force[0]
+        return nonlinear_estimate(d, unregularised, d.rest_state(seen.places), s).drive[0]
 
     theta = jnp.array([1.0, 0.0, 0.0])
     steps = jnp.diag(jnp.array([1.0, 1e-3, 1e-9]))  # 1, 1 mm, 1 mm³
@@ -127,9 +129,9 @@ def test_unrolled_and_implicit_gradients_agree_with_differences(
 def test_two_contacts_at_once(device) -> None:
     places = jnp.array([[-17e-3, 0.0, 0.0], [15e-3, 4e-3, 0.0]])
     true = jnp.array([7.0, 3.0])
-    limits = Limits(jnp.array([25.0, 25.0]), jnp.asarray(1e-6))
-    change = eqx.filter_jit(lambda d: d.volume_change(simulate(d, places, true).state.z))(device)
-    state, _ = eqx.filter_jit(lambda d, seen: exact_steps(d, limits, d.rest_state(2), seen, steps=STEPS))(
-        device, _observation(change, places)
-    )
-    np.testing.assert_allclose(state.force(), true, rtol=1e-7)
+    limits = Limits(jnp.zeros(2), jnp.array([25.0, 25.0]), jnp.full(2, 1e-6))
+    change = eqx.filter_jit(lambda d: d.reading(simulate(d, places, true).state.z))(device)
+    state, _ = eqx.filter_jit(
+        lambda d, seen: exact_steps(d, limits, d.rest_state(seen.places), seen, steps=STEPS)
+    )(device, _observation(change, places))
+    np.testing.assert_allclose(state.drive, true, rtol=1e-7)

@@ -1,0 +1,109 @@
+"""Cables that act on a body: pulled with a given tension, or shortened by a given length.
+
+Ports are the positions of the guide points; the law follows their current positions, so a cable needs no
+stiffness in the body's tangent. Shortened by δ, the cable has ℓ₀ − δ at its disposal and its tension is the
+multiplier of ℓ ≤ ℓ₀ − δ + c T: 0 ≤ T ⊥ ℓ₀ − δ + c T − ℓ ≥ 0, c its own compliance. A slack cable carries
+nothing.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from softfuse.body.body import Body
+from softfuse.equilibrium.load import AbstractLoad, Sizes
+from softfuse.equilibrium.points import PointPorts
+from softfuse.functional.cable import guide_forces, length
+from softfuse.functional.material_points import MaterialPoints
+
+
+class PulledCable(AbstractLoad):
+    """A cable of given tension, pulled at a fixed point (3,) m; `friction` μ [-] at its guides."""
+
+    ports: PointPorts
+    pulled_at: Float[Array, "3"]
+    friction: Float[Array, ""]
+
+    @classmethod
+    def through(
+        cls,
+        body: Body,
+        guides: Float[np.ndarray, "g 3"],
+        pulled_at: Float[np.ndarray, "3"],
+        *,
+        friction: float = 0.0,
+    ) -> "PulledCable":
+        """A cable through guides (g, 3) m of a body at rest, first the one next to the pulling point (3,) m.
+
+        Raises MeshError for a guide outside the body.
+        """
+        ports = PointPorts(MaterialPoints.embedded(body, guides))
+        return cls(ports, jnp.asarray(pulled_at, float), jnp.asarray(friction, float))
+
+    @property
+    def sizes(self):
+        """Three ports and forces for each guide; the tension."""
+        count = 3 * self.ports.points.nodes.shape[0]
+        return Sizes(ports=count, forces=count, internal=0, drives=1)
+
+    def start(self):
+        """No tension."""
+        return jnp.zeros(self.sizes.forces), jnp.zeros(0), jnp.zeros(1)
+
+    def units(self):
+        """Newtons."""
+        return jnp.ones(self.sizes.forces)
+
+    def equations(self, force, internal, y, drive):
+        """f_i − f_i(x, T) = 0 for each guide (3 g,) [N]."""
+        del internal
+        return force - guide_forces(y.reshape(-1, 3), self.pulled_at, drive[0], self.friction).ravel()
+
+
+class ShortenedCable(AbstractLoad):
+    """A cable of given shortening δ [m], with the tension as internal unknown.
+
+    `rest_length` ℓ₀ [m]: at δ = 0; `compliance` c [m/N]: of the cable itself; `stiffness` [N/m]: weighs
+    lengths
+    against tensions and does not move the solution.
+    """
+
+    cable: PulledCable
+    rest_length: Float[Array, ""]
+    compliance: Float[Array, ""]
+    stiffness: Float[Array, ""]
+
+    @classmethod
+    def of(cls, cable: PulledCable, body: Body, *, compliance: float = 0.0) -> "ShortenedCable":
+        """The same cable, taut without tension on the body at rest."""
+        rest = length(cable.ports.values(body, jnp.zeros(body.n)).reshape(-1, 3), cable.pulled_at)
+        stiffness = jax.lax.stop_gradient(body.pressure_unit * rest)
+        return cls(cable, rest, jnp.asarray(compliance, float), stiffness)
+
+    @property
+    def ports(self) -> PointPorts:
+        """Those of the cable."""
+        return self.cable.ports
+
+    @property
+    def sizes(self):
+        """Three ports and forces for each guide; the tension; the shortening."""
+        count = self.cable.sizes.forces
+        return Sizes(ports=count, forces=count, internal=1, drives=1)
+
+    def start(self):
+        """Neither tension nor shortening."""
+        return jnp.zeros(self.sizes.forces), jnp.zeros(1), jnp.zeros(1)
+
+    def units(self):
+        """Newtons."""
+        return jnp.ones(self.sizes.forces + 1)
+
+    def equations(self, force, internal, y, drive):
+        """The forces of the tension (3 g,) [N], then its complementarity with the slack [N]."""
+        left = self.rest_length - drive[0] + self.compliance * internal[0]
+        slack = self.stiffness * (left - length(y.reshape(-1, 3), self.cable.pulled_at))
+        taut = internal[0] - slack > 0
+        law = self.cable.equations(force, internal, y, internal)
+        return jnp.append(law, jnp.where(taut, slack, internal[0]))

@@ -1,0 +1,90 @@
+"""The dense problem between a body and its loads: E(x, y, u) = 0 with y = y₀ + S f.
+
+x = (f, w) are the forces and internal unknowns of all loads, y₀ (P,) the ports' values of the body relaxed
+without them, S (P, Q) [y per f] its compliance. E is piecewise smooth: where a cell touches or lifts off, or
+a
+cable goes slack, a law changes branch. Newton's method on it is then the primal-dual active set method and
+ends after finitely many changes of branch (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13(3), 2002).
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from softfuse.equilibrium.load import Loads
+
+_MAX_ITERATIONS = 60
+_TOLERANCE = 1e-10  # of the unknowns' size, or of their units where those are larger
+
+
+class Slopes(eqx.Module):
+    """E's derivatives in x, y and u: (r, r), (r, P), (r, D)."""
+
+    x: Float[Array, "r r"]
+    y: Float[Array, "r P"]
+    drive: Float[Array, "r D"]
+
+
+def slopes(
+    loads: Loads,
+    x: tuple[Float[Array, " Q"], Float[Array, " M"]],
+    y: Float[Array, " P"],
+    drive: Float[Array, " D"],
+) -> Slopes:
+    """The derivatives of the laws at forces and internal unknowns x, ports' values y (P,), drives (D,)."""
+    (by_force, by_internal), by_y, by_drive = jax.jacfwd(
+        lambda x, y, u: loads.equations(*x, y, u), argnums=(0, 1, 2)
+    )(x, y, drive)
+    return Slopes(jnp.concatenate([by_force, by_internal], axis=1), by_y, by_drive)
+
+
+def stiffness(at: Slopes, compliance: Float[Array, "P Q"]) -> Float[Array, "r r"]:
+    """dE/dx (r, r) with the body's answer to the forces: E_x + E_y [S, 0]."""
+    return at.x.at[:, : compliance.shape[1]].add(at.y @ compliance)
+
+
+class Settled(eqx.Module):
+    """Forces (Q,) and internal unknowns (M,) that obey the laws, and whether they were found."""
+
+    force: Float[Array, " Q"]
+    internal: Float[Array, " M"]
+    found: Bool[Array, ""]
+
+
+def settle(
+    loads: Loads,
+    free: Float[Array, " P"],
+    compliance: Float[Array, "P Q"],
+    drive: Float[Array, " D"],
+    start: tuple[Float[Array, " Q"], Float[Array, " M"]],
+) -> Settled:
+    """Solve the laws for forces and internal unknowns, searching from `start`.
+
+    `free` (P,): y₀; `compliance` (P, Q); `drive` (D,). The derivative is that of one Newton step from the
+    solution: exact to first order.
+    """
+    q = compliance.shape[1]
+    units = jax.lax.stop_gradient(loads.units())
+
+    def better(x, loads, free, compliance, drive):
+        force, internal = x[:q], x[q:]
+        y = free + compliance @ force
+        matrix = stiffness(slopes(loads, (force, internal), y, drive), compliance)
+        return x - jnp.linalg.solve(matrix, loads.equations(force, internal, y, drive))
+
+    given = jax.lax.stop_gradient((loads, free, compliance, drive))
+
+    def improve(carry):
+        x, _, count = carry
+        after = better(x, *given)
+        return after, jnp.max(jnp.abs(after - x) / jnp.maximum(units, jnp.abs(x))), count + 1
+
+    def unfinished(carry):
+        _, change, count = carry
+        return (change > _TOLERANCE) & (count < _MAX_ITERATIONS)
+
+    first = (jax.lax.stop_gradient(jnp.concatenate(start)), jnp.array(jnp.inf), 0)
+    x, change, _ = jax.lax.while_loop(unfinished, improve, first)
+    x = better(x, loads, free, compliance, drive)
+    return Settled(x[:q], x[q:], change <= _TOLERANCE)

@@ -1,0 +1,190 @@
+"""What acts on a body: loads that push at ports, and the laws that say how hard.
+
+A port is a scalar y(z) of the configuration with a conjugate force f, which enters the balance as r(z) = Σ f
+∂y/∂z. The laws of all loads together are a few equations E(x, y, u) = 0 for as many unknowns x = (f, w):
+forces of those ports that carry one, and internal unknowns such as the depth of a punch or the tension of a
+cable; u are the *drives*, what somebody prescribes: a total force, a shortening, an amount of gas. The body
+itself is seen only through its compliance between ports, so everything non-smooth or nonlinear in a load
+lives in a dense problem of some tens of unknowns (`interface`), and no law needs a penalty.
+"""
+
+from abc import abstractmethod
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from softfuse.body.body import Body
+
+
+class AbstractPorts(eqx.Module):
+    """p scalars y(z) of a body's unknowns z (n,)."""
+
+    @abstractmethod
+    def values(self, body: Body, z: Float[Array, " n"]) -> Float[Array, " p"]:
+        """y (p,) in SI units."""
+
+    @abstractmethod
+    def rows(self, body: Body, z: Float[Array, " n"]) -> Float[Array, "n p"]:
+        """∂y/∂z (n, p): generalised nodal forces per unit of each port's force."""
+
+    @abstractmethod
+    def stiffen(
+        self, body: Body, z: Float[Array, " n"], force: Float[Array, " q"], tangents: Float[Array, "e d d"]
+    ) -> Float[Array, "e d d"]:
+        """The element tangents (e, d, d) minus Σ f ∂²y/∂z², f (q,) the forces of the first q ports."""
+
+
+class LinearPorts(AbstractPorts):
+    """y = y₀ + Gᵀz: values at rest y₀ (p,) and rows G (n, p)."""
+
+    rest: Float[Array, " p"]
+    slopes: Float[Array, "n p"]
+
+    def values(self, body, z):
+        """y₀ + Gᵀ z (p,)."""
+        del body
+        return self.rest + self.slopes.T @ z
+
+    def rows(self, body, z):
+        """G (n, p)."""
+        del body, z
+        return self.slopes
+
+    def stiffen(self, body, z, force, tangents):
+        """The tangents as they are: linear ports have no second derivative."""
+        del body, z, force
+        return tangents
+
+
+class AbstractLoad(eqx.Module):
+    """Ports, and the law of the forces f (q,) on the first q of them, with internal unknowns w (m,) and
+    drives u (k,).
+    """
+
+    ports: eqx.AbstractVar[AbstractPorts]
+
+    @property
+    @abstractmethod
+    def sizes(self) -> "Sizes":
+        """Numbers of ports p, forces q, internal unknowns m, drives k."""
+
+    @abstractmethod
+    def start(self) -> tuple[Float[Array, " q"], Float[Array, " m"], Float[Array, " k"]]:
+        """Forces, internal unknowns and drives of the body at rest."""
+
+    @abstractmethod
+    def units(self) -> Float[Array, " qm"]:
+        """Typical sizes (q + m,) of forces and internal unknowns, in SI units."""
+
+    @abstractmethod
+    def equations(
+        self,
+        force: Float[Array, " q"],
+        internal: Float[Array, " m"],
+        y: Float[Array, " p"],
+        drive: Float[Array, " k"],
+    ) -> Float[Array, " qm"]:
+        """E (q + m,), all 0 where the law holds."""
+
+
+class AbstractContact(eqx.Module):
+    """What may touch a body, and how it presses: a load for every place."""
+
+    @abstractmethod
+    def load(self, body: Body, place: Array) -> AbstractLoad:
+        """The load of one contact at a place; its one drive is the total force [N]."""
+
+
+class Sizes(eqx.Module):
+    """Numbers of ports, of forces on the first of them, of internal unknowns and of drives."""
+
+    ports: int = eqx.field(static=True)
+    forces: int = eqx.field(static=True)
+    internal: int = eqx.field(static=True)
+    drives: int = eqx.field(static=True)
+
+
+def _cut(counts: list[int], vector: Array) -> list[Array]:
+    return jnp.split(vector, np.cumsum(counts)[:-1])
+
+
+class Loads(eqx.Module):
+    """All loads on a body, their ports, forces, internal unknowns and drives one after the other."""
+
+    parts: tuple[AbstractLoad, ...]
+
+    @property
+    def sizes(self) -> Sizes:
+        """Total numbers."""
+        each = [part.sizes for part in self.parts]
+        return Sizes(
+            sum(s.ports for s in each),
+            sum(s.forces for s in each),
+            sum(s.internal for s in each),
+            sum(s.drives for s in each),
+        )
+
+    @property
+    def carrying(self) -> np.ndarray:
+        """The ports (Q,) that carry a force."""
+        first, found = 0, []
+        for part in self.parts:
+            found.append(first + np.arange(part.sizes.forces))
+            first += part.sizes.ports
+        return np.concatenate([np.zeros(0, int), *found])
+
+    def start(self) -> tuple[Float[Array, " Q"], Float[Array, " M"], Float[Array, " D"]]:
+        """Forces, internal unknowns and drives of the body at rest."""
+        each = [part.start() for part in self.parts]
+        force, internal, drive = (jnp.concatenate([jnp.zeros(0), *kind]) for kind in zip(*each, strict=True))
+        return force, internal, drive
+
+    def units(self) -> Float[Array, " QM"]:
+        """Typical sizes (Q + M,) of forces, then internal unknowns."""
+        each = [part.units() for part in self.parts]
+        forces = [u[: part.sizes.forces] for u, part in zip(each, self.parts, strict=True)]
+        internal = [u[part.sizes.forces :] for u, part in zip(each, self.parts, strict=True)]
+        return jnp.concatenate([*forces, *internal])
+
+    def values(self, body: Body, z: Float[Array, " n"]) -> Float[Array, " P"]:
+        """All ports' values (P,)."""
+        return jnp.concatenate([part.ports.values(body, z) for part in self.parts])
+
+    def rows(self, body: Body, z: Float[Array, " n"]) -> Float[Array, "n P"]:
+        """All ports' rows (n, P)."""
+        return jnp.concatenate([part.ports.rows(body, z) for part in self.parts], axis=1)
+
+    def push(self, body: Body, z: Float[Array, " n"], force: Float[Array, " Q"]) -> Float[Array, " n"]:
+        """Generalised nodal forces (n,) of the forces (Q,)."""
+        return jax.vjp(lambda x: self.values(body, x)[self.carrying], z)[1](force)[0]
+
+    def stiffen(
+        self, body: Body, z: Float[Array, " n"], force: Float[Array, " Q"], tangents: Float[Array, "e d d"]
+    ) -> Float[Array, "e d d"]:
+        """Element tangents (e, d, d) with what the forces (Q,) add."""
+        counts = [part.sizes.forces for part in self.parts]
+        for part, f in zip(self.parts, _cut(counts, force), strict=True):
+            tangents = part.ports.stiffen(body, z, f, tangents)
+        return tangents
+
+    def equations(
+        self,
+        force: Float[Array, " Q"],
+        internal: Float[Array, " M"],
+        y: Float[Array, " P"],
+        drive: Float[Array, " D"],
+    ) -> Float[Array, " QM"]:
+        """The laws of all loads (Q + M,): those of the first load, then of the second ..."""
+        sizes = [part.sizes for part in self.parts]
+        cut = zip(
+            self.parts,
+            _cut([s.forces for s in sizes], force),
+            _cut([s.internal for s in sizes], internal),
+            _cut([s.ports for s in sizes], y),
+            _cut([s.drives for s in sizes], drive),
+            strict=True,
+        )
+        return jnp.concatenate([part.equations(*own) for part, *own in cut])

@@ -1,0 +1,75 @@
+"""A rigid disc with a prescribed total force: no tension, no penetration.
+
+The ports are the displacements g (m,) under the cells of a `Contact`, the forces those of the cells a (m,),
+the internal unknown the disc's depth d. A cell touches where g = d and has lifted off where g > d: 0 ≤ a ⊥ g
+− d ≥ 0, Σ a = F. As equations: with v = a − γ (g − d) a cell is on where v > 0, and then g = d, else a = 0.
+The choice of γ > 0 [N/m] does not move the solution. A disc weighs one nanonewton, so that without a force it
+rests on those cells that a force would press.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from softfuse.body.body import Body
+from softfuse.equilibrium.load import AbstractContact, AbstractLoad, LinearPorts, Sizes
+from softfuse.functional.contact import Contact
+
+_WEIGHT = 1e-9  # N
+_SOFTENING = 1e-10  # of 1/γ: cells that a coarse mesh cannot tell apart share their force
+
+
+class Punch(AbstractLoad):
+    """The disc's cells as ports, and the stiffness γ [N/m] that weighs gaps against forces."""
+
+    ports: LinearPorts
+    stiffness: Float[Array, ""]
+
+    @classmethod
+    def of(cls, contact: Contact, body: Body) -> "Punch":
+        """The disc of a contact on a body; γ is μ times the disc's radius."""
+        rows = contact.rows(body)
+        gamma = jax.lax.stop_gradient(body.pressure_unit * contact.radius)
+        return cls(LinearPorts(jnp.zeros(rows.shape[1]), rows), gamma)
+
+    @property
+    def sizes(self):
+        """m ports with as many forces; the depth; the total force."""
+        m = self.ports.rest.shape[0]
+        return Sizes(ports=m, forces=m, internal=1, drives=1)
+
+    def start(self):
+        """No force, no depth."""
+        return jnp.zeros(self.sizes.forces), jnp.zeros(1), jnp.zeros(1)
+
+    def units(self):
+        """Forces in N, the depth in F/γ of 1 N."""
+        return jnp.append(jnp.ones(self.sizes.forces), 1 / self.stiffness)
+
+    def equations(self, force, internal, y, drive):
+        """γ (g − d) = 0 or a = 0 for each cell (m,), then Σ a − F = 0 [N]."""
+        gap = self.stiffness * (y - internal[0])
+        law = jnp.where(self.touching(force, internal, y), gap + _SOFTENING * force, force)
+        return jnp.append(law, jnp.sum(force) - drive[0] - _WEIGHT)
+
+    def touching(
+        self, force: Float[Array, " m"], internal: Float[Array, " 1"], y: Float[Array, " m"]
+    ) -> Bool[Array, " m"]:
+        """Which cells are on (m,); one always is, or nothing would hold the disc."""
+        v = force - self.stiffness * (y - internal[0])
+        return (v > 0) | (v >= jnp.max(v))
+
+
+class PunchContact(AbstractContact):
+    """Discs that may press anywhere on a surface; a place is the location (3,) m of a disc's middle."""
+
+    disc: Contact
+
+    def at(self, place: Float[Array, "3"]) -> Contact:
+        """The disc at a location (3,) m."""
+        return eqx.tree_at(lambda disc: disc.location, self.disc, place)
+
+    def load(self, body, place):
+        """The disc at a location (3,) m as a load."""
+        return Punch.of(self.at(place), body)

@@ -1,0 +1,66 @@
+"""Enclosed volumes as ports: their conjugate forces are the gauge pressures inside.
+
+A pressure follows the surface: its nodal forces p ∂V/∂z turn with it, which adds −p ∂²V/∂z² to the tangent,
+face by face and therefore within the elements that the faces belong to.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from softfuse.body.body import Body
+from softfuse.equilibrium.load import AbstractPorts
+from softfuse.errors import MeshError
+from softfuse.functional.cavity import Cavity, cone_volume
+
+
+class _Owners(eqx.Module):
+    """The element (f,) that each face of a cavity belongs to, and the face's unknowns in it (f, 3 s)."""
+
+    element: Int[Array, " f"]
+    slots: Int[Array, "f x"]
+
+
+class VolumePorts(AbstractPorts):
+    """The volumes of cavities (p,) [m³]."""
+
+    cavities: tuple[Cavity, ...]
+    owners: tuple[_Owners, ...]
+
+    @classmethod
+    def of(cls, cavities: tuple[Cavity, ...], body: Body) -> "VolumePorts":
+        """The cavities of a body. Raises MeshError when a face belongs to none of its elements."""
+        return cls(cavities, tuple(_owners(np.asarray(cavity.faces), body) for cavity in cavities))
+
+    def values(self, body, z):
+        """Enclosed volumes (p,) [m³]."""
+        positions = body.rest + body.displacement(z)
+        return jnp.stack([cavity(positions) for cavity in self.cavities])
+
+    def rows(self, body, z):
+        """∂V/∂z (n, p) [m²]."""
+        return jax.jacrev(lambda x: self.values(body, x))(z).T
+
+    def stiffen(self, body, z, force, tangents):
+        """Minus Σ p ∂²V/∂z² for pressures `force` (p,) [Pa]."""
+        positions = body.rest + body.displacement(z)
+        for cavity, owners, pressure in zip(self.cavities, self.owners, force, strict=True):
+            s = cavity.faces.shape[1]
+            bend = jax.vmap(jax.hessian(cone_volume))(positions[cavity.faces]).reshape(-1, 3 * s, 3 * s)
+            row, column = owners.slots[:, :, None], owners.slots[:, None, :]
+            tangents = tangents.at[owners.element[:, None, None], row, column].add(-pressure * bend)
+        return tangents
+
+
+def _owners(faces: np.ndarray, body: Body) -> _Owners:
+    tets = np.asarray(body.tets)
+    corners = tets[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]]
+    owner = {tuple(key): e for e, four in enumerate(np.sort(corners, axis=2)) for key in four}
+    element = np.array([owner.get(tuple(key), -1) for key in np.sort(faces[:, :3], axis=1)])
+    if np.any(element < 0):
+        raise MeshError("a cavity has a face that belongs to no element: take its faces from the body's mesh")
+    local = np.argmax(tets[element][:, None, :] == faces[:, :, None], axis=2)
+    slots = 3 * local[:, :, None] + np.arange(3)
+    return _Owners(jnp.asarray(element, jnp.int32), jnp.asarray(slots.reshape(len(faces), -1), jnp.int32))
