@@ -1,0 +1,248 @@
+"""Leak test of a sealed cavity: the balance of its gas from one rest to the next.
+
+Gas that escapes in proportion to the gauge pressure p lowers the pressure m that the cavity has in its rest
+shape, whatever has moved its walls in between:
+
+    d(p_abs V)/dt = -θ p V0   =>   Δ = m_after - m_before = -θ I,   I = integral of p dt,   θ = 1/τ.
+
+τ [s] is the time constant with which the pressure of the undeformed cavity decays. So a cavity that was
+squeezed comes back below its zero, one that was stretched above it, and only then is a leak known: a pressure
+that decays while something presses may as well be a hand that gives way. At rest the level m is followed
+freely and says nothing: warm gas that cools decays just like gas that leaks.
+
+Statistics. Each deformation j between two rests gives one Δ_j of variance
+    s_j² = noise²(1/n_before + 1/n_after) + repeat² + (d T_j)² + (θ0 p_lost T_lost,j)²:
+the noise of two means, how well the rest shape comes back, the drift d over the time T_j between the means,
+and the unknown pressure while the channel was not readable. All deformations, with weights w that fade with
+`memory_s` of deformed time, give the least-squares rate with the prior θ ~ N(0, σ_θ²)
+    θ = -Σ w Δ I / s² / (Σ w I²/s² + 1/σ_θ²),   variance σ² = 1 / (Σ w I²/s² + 1/σ_θ²).
+Leaks slower than 1/θ0 do no harm, the zero follows them. Under θ <= θ0, z = (θ - θ0)/σ is at most a standard
+normal variable; a leak is reported when z > `sigma` (3e-7 a deformation with 5) and taken back when z <
+-`sigma`/2. A deformation that contradicts the rate so far, |Δ + θ I| > `sigma` sqrt(s² + σ² I²), drops the
+history: a fresh leak is seen at the first release however long the cavity was sound, a mended one soon after.
+
+The test is one-sided: residual strain of the silicone after a press (creep) leaves Δ of the sign of I, that
+is θ < 0. Gas that warms up in a stretched cavity, or cools in a squeezed one, does look like a leak: the
+drift d is there for it. A cavity that is open (τ of some tenths of a second) shows no pressure and so no
+leak.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+
+class LeakTest(eqx.Module):
+    """Parameters of the test; all fields are leaves, one value for all channels."""
+
+    tolerated_1_s: Float[Array, ""]
+    """Largest rate θ0 that is no leak [1/s]."""
+    sigma: Float[Array, ""]
+    """Evidence that makes a leak [standard deviations]."""
+    window_s: Float[Array, ""]
+    """Time over which the pressure at rest is averaged [s]."""
+    repeat_Pa: Float[Array, ""]
+    """Standard deviation with which the pressure at rest comes back after a deformation [Pa]."""
+    drift_Pa_s: Float[Array, ""]
+    """Standard deviation of the rate at which the pressure at rest drifts [Pa/s]."""
+    unknown_Pa: Float[Array, ""]
+    """Standard deviation of the pressure while the channel is not readable [Pa]."""
+    memory_s: Float[Array, ""]
+    """Deformed time after which a deformation weighs 1/e [s]."""
+    prior_1_s: Float[Array, ""]
+    """Standard deviation σ_θ of the rate before any deformation [1/s]."""
+
+
+class LeakState(eqx.Module):
+    """Memory of the test."""
+
+    equilibrium_Pa: Float[Array, " k"]
+    """(k,) reading without gauge pressure: that of the first rest [Pa]."""
+    known: Bool[Array, " k"]
+    """(k,) there was a rest."""
+    level_Pa: Float[Array, " k"]
+    """(k,) mean of the last rest [Pa]."""
+    level_variance_Pa2: Float[Array, " k"]
+    """(k,) its variance [Pa^2]."""
+    mean_Pa: Float[Array, " k"]
+    """(k,) mean of the present rest [Pa]."""
+    mean_variance_Pa2: Float[Array, " k"]
+    """(k,) its variance [Pa^2]."""
+    mean_frames: Int[Array, " k"]
+    """(k,) readings of the present rest."""
+    mean_s: Float[Array, " k"]
+    """(k,) their duration [s]."""
+    integral_Pas: Float[Array, " k"]
+    """(k,) I since the last rest [Pa s]."""
+    apart_s: Float[Array, " k"]
+    """(k,) T since the last rest [s]."""
+    lost_s: Float[Array, " k"]
+    """(k,) part of it without a readable pressure [s]."""
+    information_s2: Float[Array, " k"]
+    """(k,) Σ w I²/s² [s^2]."""
+    score_s: Float[Array, " k"]
+    """(k,) -Σ w Δ I/s² [s]."""
+    leaking: Bool[Array, " k"]
+    """(k,) the decision."""
+
+
+def leak_test(
+    *,
+    slowest_s: float = 120.0,
+    sigma: float = 5.0,
+    window_s: float = 0.5,
+    repeat_Pa: float = 20.0,
+    drift_Pa_s: float = 5.0,
+    unknown_Pa: float = 5e3,
+    memory_s: float = 60.0,
+    prior_1_s: float = 1.0,
+) -> LeakTest:
+    """Parameters of the test; the options are the fields of LeakTest.
+
+    slowest_s is 1/θ0, the time constant of the slowest leak that matters. 5 Pa/s is sealed gas that a hand
+    warms by 0.9 K a minute. With readings of 44 Pa noise at 100 Hz, one press shows a leak of τ = 30 s if it
+    holds 2.1 kPa for 3 s (s = 32 Pa), or 1 kPa for ever: drift d and leak cannot be told apart when
+    d > (θ - θ0) p / sigma.
+    """
+    return LeakTest(
+        tolerated_1_s=jnp.asarray(1.0 / slowest_s, float),
+        sigma=jnp.asarray(sigma, float),
+        window_s=jnp.asarray(window_s, float),
+        repeat_Pa=jnp.asarray(repeat_Pa, float),
+        drift_Pa_s=jnp.asarray(drift_Pa_s, float),
+        unknown_Pa=jnp.asarray(unknown_Pa, float),
+        memory_s=jnp.asarray(memory_s, float),
+        prior_1_s=jnp.asarray(prior_1_s, float),
+    )
+
+
+def leak_init(channels: int) -> LeakState:
+    """State before the first frame: no rest was seen, nothing leaks."""
+    nothing, no = jnp.zeros(channels), jnp.zeros(channels, bool)
+    return LeakState(
+        equilibrium_Pa=nothing,
+        known=no,
+        level_Pa=nothing,
+        level_variance_Pa2=nothing,
+        mean_Pa=nothing,
+        mean_variance_Pa2=nothing,
+        mean_frames=jnp.zeros(channels, int),
+        mean_s=nothing,
+        integral_Pas=nothing,
+        apart_s=nothing,
+        lost_s=nothing,
+        information_s2=nothing,
+        score_s=nothing,
+        leaking=no,
+    )
+
+
+def leak_rate(test: LeakTest, state: LeakState) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+    """Rate θ = 1/τ at which the gas escapes and its standard deviation: (k,), (k,) [1/s]."""
+    information = state.information_s2 + 1.0 / test.prior_1_s**2
+    return state.score_s / information, 1.0 / jnp.sqrt(information)
+
+
+def _average_at_rest(
+    test: LeakTest,
+    state: LeakState,
+    dt_s: Float[Array, ""],
+    pressure_Pa: Float[Array, " k"],
+    noise_Pa: Float[Array, " k"],
+    observed: Bool[Array, " k"],
+    at_rest: Bool[Array, ""],
+) -> LeakState:
+    """Mean of the present rest: equal weights up to the window, then exponential ones."""
+    frames = jnp.where(at_rest, state.mean_frames, 0) + observed
+    weight = jnp.maximum(1.0 / jnp.maximum(frames, 1), 1.0 - jnp.exp(-dt_s / test.window_s))
+    weight = jnp.where(observed, weight, 0.0)
+    variance = (1.0 - weight) ** 2 * state.mean_variance_Pa2 + weight**2 * noise_Pa**2
+    return eqx.tree_at(
+        lambda s: (s.mean_Pa, s.mean_variance_Pa2, s.mean_frames, s.mean_s),
+        state,
+        (
+            state.mean_Pa + weight * (pressure_Pa - state.mean_Pa),
+            variance,
+            frames,
+            jnp.where(at_rest, state.mean_s + jnp.where(observed, dt_s, 0.0), 0.0),
+        ),
+    )
+
+
+def leak_update(
+    test: LeakTest,
+    state: LeakState,
+    dt_s: Float[Array, ""],
+    pressure_Pa: Float[Array, " k"],
+    noise_Pa: Float[Array, " k"],
+    usable: Bool[Array, " k"],
+    in_range: Bool[Array, " k"],
+    at_rest: Bool[Array, ""],
+) -> LeakState:
+    """One frame.
+
+    Args: dt_s time since the last frame [s]; pressure_Pa (k,) readings over any constant zero [Pa], finite;
+    noise_Pa (k,) standard deviation of one [Pa]; usable (k,): it is a reading; in_range (k,): and the part
+    can measure what is there (a gauge part below 0 still shows that a cavity at rest is below its zero, but
+    not how far it was stretched); at_rest: the device has its rest shape and its gas the temperature of the
+    walls.
+    """
+    state = _average_at_rest(test, state, dt_s, pressure_Pa, noise_Pa, at_rest & usable, at_rest)
+    settled = state.mean_s >= test.window_s
+    between = state.known & ~settled
+    readable = usable & in_range
+    pressure = pressure_Pa - state.equilibrium_Pa
+    # The mean over the window after a press belongs to its middle: to first order, half the integral over it.
+    area = pressure * dt_s * jnp.where(at_rest, 0.5, 1.0)
+    integral = state.integral_Pas + jnp.where(between & readable, area, 0.0)
+    apart = state.apart_s + jnp.where(between, dt_s, 0.0)
+    lost = state.lost_s + jnp.where(between & ~readable, dt_s, 0.0)
+
+    ended = settled & state.known & (apart > 0.0)
+    difference = state.mean_Pa - state.level_Pa
+    variance = (
+        state.mean_variance_Pa2
+        + state.level_variance_Pa2
+        + test.repeat_Pa**2
+        + (test.drift_Pa_s * apart) ** 2
+        + (test.tolerated_1_s * test.unknown_Pa * lost) ** 2
+    )
+    rate, rate_sigma = leak_rate(test, state)
+    surprise = difference + rate * integral
+    contrary = surprise**2 > test.sigma**2 * (variance + (rate_sigma * integral) ** 2)
+    weight = jnp.where(ended, 1.0 / variance, 0.0)
+    keep = jnp.where(contrary, 0.0, jnp.exp(-apart / test.memory_s))
+    keep = jnp.where(ended, keep, 1.0)
+    state = eqx.tree_at(
+        lambda s: (s.information_s2, s.score_s),
+        state,
+        (
+            keep * state.information_s2 + weight * integral**2,
+            keep * state.score_s - weight * difference * integral,
+        ),
+    )
+    rate, rate_sigma = leak_rate(test, state)
+    evidence = (rate - test.tolerated_1_s) / rate_sigma
+    begins = ended & (evidence > test.sigma)
+    ends = ended & (evidence < -0.5 * test.sigma)
+    first = settled & ~state.known
+    equilibrium = jnp.where(first, state.mean_Pa, state.equilibrium_Pa)
+    # The mean before a press is as old as half its duration, or as the window with exponential weights.
+    before = (state.mean_Pa - equilibrium) * jnp.minimum(0.5 * state.mean_s, test.window_s)
+    return eqx.tree_at(
+        lambda s: (
+            s.equilibrium_Pa, s.known, s.level_Pa, s.level_variance_Pa2,
+            s.integral_Pas, s.apart_s, s.lost_s, s.leaking,
+        ),
+        state,
+        (
+            equilibrium,
+            state.known | settled,
+            jnp.where(settled, state.mean_Pa, state.level_Pa),
+            jnp.where(settled, state.mean_variance_Pa2, state.level_variance_Pa2),
+            jnp.where(settled, before, integral),
+            jnp.where(settled, 0.0, apart),
+            jnp.where(settled, 0.0, lost),
+            jnp.where(state.leaking, ~ends, begins),
+        ),
+    )  # fmt: skip
