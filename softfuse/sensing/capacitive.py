@@ -97,7 +97,8 @@ def _alive(array: CapacitiveArray, counts: Float[Array, " e"], equal: Int[Array,
     return jnp.isfinite(counts) & in_range & (equal < array.stuck_frames)
 
 
-def _equal_frames(state: ArrayState, counts: Float[Array, " e"]) -> Int[Array, " e"]:
+def count_equal_frames(state: ArrayState, counts: Float[Array, " e"]) -> Int[Array, " e"]:
+    """Number of readings in a row that equal their predecessor, up to this one: counts (e,); (e,)."""
     return jnp.where(counts == state.last_counts, state.equal_frames + 1, 0)
 
 
@@ -107,7 +108,7 @@ def array_signal(array: CapacitiveArray, state: ArrayState, counts: Float[Array,
     Args: counts (e,) readings, rows first, NaN where missing.
     Returns: ArrayReading.
     """
-    valid = _alive(array, counts, _equal_frames(state, counts)) & (state.baseline_frames > 0)
+    valid = _alive(array, counts, count_equal_frames(state, counts)) & (state.baseline_frames > 0)
     return ArrayReading(signal_counts=jnp.where(valid, counts - state.baseline_counts, 0.0), valid=valid)
 
 
@@ -116,16 +117,16 @@ def track_baseline(
     state: ArrayState,
     dt_s: Float[Array, ""],
     counts: Float[Array, " e"],
-    near: Bool[Array, ""],
-    touching: Bool[Array, ""],
+    near: Bool[Array, "..."],
+    touching: Bool[Array, "..."],
 ) -> ArrayState:
     """Baseline after one frame.
 
     Args: dt_s time since the last frame [s]; counts (e,) readings, NaN where missing; near, touching: the
-    decision on this frame. The first frames are averaged equally until that average is as long as the time
-    constant.
+    decision on this frame, () for all electrodes or (e,) for each. The first frames are averaged equally
+    until that average is as long as the time constant.
     """
-    equal = _equal_frames(state, counts)
+    equal = count_equal_frames(state, counts)
     alive = _alive(array, counts, equal)
     signal = jnp.where(alive, counts, state.baseline_counts) - state.baseline_counts
     frames = state.baseline_frames
