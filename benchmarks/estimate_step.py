@@ -33,7 +33,7 @@ PEAK_N = 12.0
 
 def press(device: Device, place: np.ndarray, frames: int):
     """Locations (f, 3) and volume changes (f, k) of a press up to the peak, from five equilibria."""
-    solve = eqx.filter_jit(lambda d, at, f: d.reading(simulate(d, at[None], f[None]).state.z))
+    solve = eqx.filter_jit(lambda d, at, f: d.reading(simulate(d, at[None], f[None]).state))
     levels = np.linspace(0.0, PEAK_N, 6)
     at = jnp.asarray(place)
     volumes = np.array([np.asarray(solve(device, at, jnp.asarray(level))) for level in levels])
@@ -49,7 +49,7 @@ def measure(surface_size: str, base_size: str, frames: int) -> dict[str, float]:
     device = build_device(config)
     estimator = Estimator(device, build_limits(config, 1), jnp.zeros((1, 3)), build_step_settings(config))
     compiled: list[str] = []
-    weight = jnp.full(len(device.sensors), 1e9)
+    weight = jnp.full(device.readings, 1e9)
     latency, renewals = [], 0
     presses = [
         [

@@ -27,7 +27,7 @@ DATA = CONFIG.parents[1] / "tests" / "data"
 
 def errors(device, cases: list[dict[str, Any]]) -> list[float]:
     """Largest relative errors in percent."""
-    solve = eqx.filter_jit(lambda d, at, f: d.reading(simulate(d, at, f).state.z))
+    solve = eqx.filter_jit(lambda d, at, f: d.reading(simulate(d, at, f).state))
     found = []
     for case in cases:
         pressed = with_contact_model(device, case["contact"])

@@ -53,7 +53,7 @@ def simulate(
         solution = eqx.filter_jit(equilibrium_under)(
             device, jnp.asarray(location)[None], jnp.array([float(force)])
         )
-        change = device.reading(solution.state.z)
+        change = device.reading(solution.state)
     result = result_name(solution.result)
     if result != "converged":
         raise SolveError(f"no equilibrium at {force:g} N: {RESULTS[solution.result]}")

@@ -15,7 +15,7 @@ from softfuse.equilibrium.punch import PunchContact
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import StepSettings
-from softfuse.estimation.step import Limits
+from softfuse.estimation.limits import Limits
 from softfuse.estimation.tracker import Tracker, TrackerSettings, fitted_location, mean_location
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.contact import Contact, ContactSurface

@@ -15,8 +15,8 @@ from softfuse.body.body import Body
 
 
 class Pattern(eqx.Module):
-    """The nonzeros `rows`, `columns` (z,) of an n × n matrix, sorted by row, then column, and where they
-    come from.
+    """The nonzeros `rows`, `columns` (z,) of an n × n matrix, sorted by row, then column, and where they come
+    from.
     """
 
     rows: Int[Array, " z"]

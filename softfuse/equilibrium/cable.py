@@ -42,6 +42,11 @@ class PulledCable(AbstractLoad):
         return cls(ports, jnp.asarray(pulled_at, float), jnp.asarray(friction, float))
 
     @property
+    def rest_length(self) -> Float[Array, ""]:
+        """ℓ₀ [m] on the body at rest."""
+        return length(self.ports.points.location, self.pulled_at)
+
+    @property
     def sizes(self):
         """Three ports and forces for each guide; the tension."""
         count = 3 * self.ports.points.nodes.shape[0]
@@ -60,26 +65,28 @@ class PulledCable(AbstractLoad):
         del internal
         return force - guide_forces(y.reshape(-1, 3), self.pulled_at, drive[0], self.friction).ravel()
 
+    def conjugate(self, force, internal, y):
+        """δ_c = ℓ₀ − ℓ (1,) [m]: by how much the cable has become shorter."""
+        del force, internal
+        return (self.rest_length - length(y.reshape(-1, 3), self.pulled_at))[None]
+
 
 class ShortenedCable(AbstractLoad):
     """A cable of given shortening δ [m], with the tension as internal unknown.
 
-    `rest_length` ℓ₀ [m]: at δ = 0; `compliance` c [m/N]: of the cable itself; `stiffness` [N/m]: weighs
-    lengths
-    against tensions and does not move the solution.
+    `compliance` c [m/N]: of the cable itself; `stiffness` [N/m]: weighs lengths against tensions and does not
+    move the solution.
     """
 
     cable: PulledCable
-    rest_length: Float[Array, ""]
     compliance: Float[Array, ""]
     stiffness: Float[Array, ""]
 
     @classmethod
     def of(cls, cable: PulledCable, body: Body, *, compliance: float = 0.0) -> "ShortenedCable":
         """The same cable, taut without tension on the body at rest."""
-        rest = length(cable.ports.values(body, jnp.zeros(body.n)).reshape(-1, 3), cable.pulled_at)
-        stiffness = jax.lax.stop_gradient(body.pressure_unit * rest)
-        return cls(cable, rest, jnp.asarray(compliance, float), stiffness)
+        stiffness = jax.lax.stop_gradient(body.pressure_unit * cable.rest_length)
+        return cls(cable, jnp.asarray(compliance, float), stiffness)
 
     @property
     def ports(self) -> PointPorts:
@@ -102,8 +109,13 @@ class ShortenedCable(AbstractLoad):
 
     def equations(self, force, internal, y, drive):
         """The forces of the tension (3 g,) [N], then its complementarity with the slack [N]."""
-        left = self.rest_length - drive[0] + self.compliance * internal[0]
-        slack = self.stiffness * (left - length(y.reshape(-1, 3), self.cable.pulled_at))
+        shorter = self.cable.conjugate(force, internal, y)[0]
+        slack = self.stiffness * (shorter - drive[0] + self.compliance * internal[0])
         taut = internal[0] - slack > 0
         law = self.cable.equations(force, internal, y, internal)
         return jnp.append(law, jnp.where(taut, slack, internal[0]))
+
+    def conjugate(self, force, internal, y):
+        """The tension (1,) [N]."""
+        del force, y
+        return internal

@@ -33,9 +33,9 @@ class Front:
 class Batch:
     """Fronts of one level and alike size, padded to `pivots` (f, s) and `border` (f, t) with the unknown `n`.
 
-    `elements` (e,), `element_front` (e,) and `element_slots` (e, d) place element tangents;
-    `children` holds, for each batch that children come from, the child's front (c,), the parent's front (c,)
-    and for every slot of the parent the child's border slot it receives (c, s + t), or t_child for none.
+    `elements` (e,), `element_front` (e,) and `element_slots` (e, d) place element tangents; `children` holds,
+    for each batch that children come from, the child's front (c,), the parent's front (c,) and for every slot
+    of the parent the child's border slot it receives (c, s + t), or t_child for none.
     """
 
     pivots: np.ndarray

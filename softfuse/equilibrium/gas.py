@@ -69,3 +69,8 @@ class SealedGas(AbstractLoad):
         """p_gauge − P₀ ((V₀ + V_dead) / (V + V_dead))^κ + p_atm = 0 (k,)."""
         del internal
         return force - self.pressure(y, drive)
+
+    def conjugate(self, force, internal, y):
+        """The gauge pressures (k,) [Pa]."""
+        del internal, y
+        return force

@@ -2,8 +2,7 @@
 
 x = (f, w) are the forces and internal unknowns of all loads, y₀ (P,) the ports' values of the body relaxed
 without them, S (P, Q) [y per f] its compliance. E is piecewise smooth: where a cell touches or lifts off, or
-a
-cable goes slack, a law changes branch. Newton's method on it is then the primal-dual active set method and
+a cable goes slack, a law changes branch. Newton's method on it is then the primal-dual active set method and
 ends after finitely many changes of branch (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13(3), 2002).
 """
 

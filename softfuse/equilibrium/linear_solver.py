@@ -45,8 +45,8 @@ def tangent_inverse(
     """The map b (n, c) ↦ K⁻¹ b, differentiable in b and in all that `action`, x (n, c) ↦ K x, depends on, to
     any order and in both modes.
 
-    With a factor of K itself no refinement is needed; with one of a nearby tangent each reduces the error
-    by the factor's distance ‖1 − F⁻¹K‖. Implicit differentiation of K x = b: ẋ = K⁻¹(ḃ − K̇ x).
+    With a factor of K itself no refinement is needed; with one of a nearby tangent each reduces the error by
+    the factor's distance ‖1 − F⁻¹K‖. Implicit differentiation of K x = b: ẋ = K⁻¹(ḃ − K̇ x).
     """
     factor = jax.lax.stop_gradient(factor)
 

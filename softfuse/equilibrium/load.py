@@ -89,6 +89,12 @@ class AbstractLoad(eqx.Module):
     ) -> Float[Array, " qm"]:
         """E (q + m,), all 0 where the law holds."""
 
+    @abstractmethod
+    def conjugate(
+        self, force: Float[Array, " q"], internal: Float[Array, " m"], y: Float[Array, " p"]
+    ) -> Float[Array, " k"]:
+        """What answers each drive (k,): the stroke of a force, the force of a prescribed displacement."""
+
 
 class AbstractContact(eqx.Module):
     """What may touch a body, and how it presses: a load for every place."""
@@ -178,13 +184,23 @@ class Loads(eqx.Module):
         drive: Float[Array, " D"],
     ) -> Float[Array, " QM"]:
         """The laws of all loads (Q + M,): those of the first load, then of the second ..."""
+        drives = _cut([part.sizes.drives for part in self.parts], drive)
+        own = zip(self.parts, self._own(force, internal, y), drives, strict=True)
+        return jnp.concatenate([part.equations(*at, given) for part, at, given in own])
+
+    def conjugate(
+        self, force: Float[Array, " Q"], internal: Float[Array, " M"], y: Float[Array, " P"]
+    ) -> Float[Array, " D"]:
+        """What answers each drive (D,)."""
+        own = zip(self.parts, self._own(force, internal, y), strict=True)
+        return jnp.concatenate([jnp.zeros(0), *(part.conjugate(*at) for part, at in own)])
+
+    def _own(self, force: Array, internal: Array, y: Array) -> list[tuple[Array, Array, Array]]:
+        """Each load's own forces, internal unknowns and ports."""
         sizes = [part.sizes for part in self.parts]
-        cut = zip(
-            self.parts,
+        cut = (
             _cut([s.forces for s in sizes], force),
             _cut([s.internal for s in sizes], internal),
             _cut([s.ports for s in sizes], y),
-            _cut([s.drives for s in sizes], drive),
-            strict=True,
         )
-        return jnp.concatenate([part.equations(*own) for part, *own in cut])
+        return list(zip(*cut, strict=True))

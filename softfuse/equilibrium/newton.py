@@ -2,10 +2,9 @@
 
 One iteration linearises the body, K δz = Σ f ∂y/∂z − r(z), lets the loads find their forces on the linearised
 body (`interface`) and moves along δz by α ≤ 1, the largest of 1, 1/2, ... whose simplified Newton correction,
-of body and laws together, shrinks and which turns no element inside out. That test is invariant under
-scaling of
-forces and pressures, so it serves saddle points, whose energy has no minimum (Deuflhard, Newton Methods for
-Nonlinear Problems, 2011, Sec. 3.3). If an increment of the drives fails it is halved. The result is
+of body and laws together, shrinks and which turns no element inside out. That test is invariant under scaling
+of forces and pressures, so it serves saddle points, whose energy has no minimum (Deuflhard, Newton Methods
+for Nonlinear Problems, 2011, Sec. 3.3). If an increment of the drives fails it is halved. The result is
 differentiated implicitly, in both modes and to any order, in body, loads and drives.
 """
 

@@ -2,8 +2,8 @@
 
 LDLᵀ with Bunch-Kaufman pivoting of symmetric indefinite matrices, so it serves the Taylor-Hood saddle. The
 factor that travels through jit is the assembled upper triangle; each `solve` factorises it again for all its
-right-hand sides at once, so give them together.
-Source: Schenk and Gärtner, Future Gener. Comput. Syst. 20(3), 2004.
+right-hand sides at once, so give them together. Source: Schenk and Gärtner, Future Gener. Comput. Syst.
+20(3), 2004.
 """
 
 from importlib import import_module

@@ -1,11 +1,10 @@
-"""A patch of the surface that is pressed along its current normal, or by a free force vector.
+"""A patch of the surface that is pressed along its current normal.
 
 The patch carries a frame: its mean position and two tangents, all linear in the nodes. Their cross product is
 the current normal n into the body, and a contact of magnitude F pushes with f = F n. Such a force turns with
 the body and has no potential; the law's derivative in the tangents makes up for that.
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
@@ -49,35 +48,10 @@ class NormalPatch(AbstractLoad):
         del internal
         return force - drive[0] * current_normal(y)
 
-
-class FreePatch(AbstractLoad):
-    """A patch pressed and sheared by a force vector in the fixed frame."""
-
-    ports: LinearPorts
-
-    @classmethod
-    def of(cls, contact: Contact, body: Body) -> "FreePatch":
-        """The patch of a contact."""
-        rest, rows = contact.frame(body)
-        return cls(LinearPorts(rest[:3], rows[:, :3]))
-
-    @property
-    def sizes(self):
-        """Position, force and drive have three components."""
-        return Sizes(ports=3, forces=3, internal=0, drives=3)
-
-    def start(self):
-        """No force."""
-        return jnp.zeros(3), jnp.zeros(0), jnp.zeros(3)
-
-    def units(self):
-        """Newtons."""
-        return jnp.ones(3)
-
-    def equations(self, force, internal, y, drive):
-        """f − u = 0 (3,) [N]."""
-        del internal, y
-        return force - drive
+    def conjugate(self, force, internal, y):
+        """How far the patch has moved along its current normal (1,) [m]."""
+        del force, internal
+        return jnp.dot(y[:3] - self.ports.rest[:3], current_normal(y))[None]
 
 
 class PatchContact(AbstractContact):

@@ -7,14 +7,23 @@ pressure; a displacement is a support that moves and holds in both directions, i
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from softfuse.body.body import Body
 from softfuse.equilibrium.load import AbstractLoad, AbstractPorts, Sizes
 
 
 class PrescribedForce(AbstractLoad):
-    """f = u on every port; `unit` (p,): typical sizes of the forces in SI units."""
+    """f = u on every port; `rest` (p,): the ports' values at rest, `unit` (p,): typical sizes of the forces,
+    in SI units.
+    """
 
     ports: AbstractPorts
+    rest: Float[Array, " p"]
     unit: Float[Array, " p"]
+
+    @classmethod
+    def on(cls, ports: AbstractPorts, body: Body, unit: Float[Array, " p"]) -> "PrescribedForce":
+        """Forces of typical sizes `unit` (p,) on ports of a body."""
+        return cls(ports, ports.values(body, jnp.zeros(body.n)), unit)
 
     @property
     def sizes(self):
@@ -36,13 +45,23 @@ class PrescribedForce(AbstractLoad):
         del internal, y
         return force - drive
 
+    def conjugate(self, force, internal, y):
+        """How far the ports have moved (p,)."""
+        del force, internal
+        return y - self.rest
+
 
 class PrescribedDisplacement(AbstractLoad):
-    """y − y_rest = u on every port, whatever force that takes."""
+    """y − y_rest = u on every port, whatever force that takes; fields as those of `PrescribedForce`."""
 
     ports: AbstractPorts
     rest: Float[Array, " p"]
     unit: Float[Array, " p"]
+
+    @classmethod
+    def on(cls, ports: AbstractPorts, body: Body, unit: Float[Array, " p"]) -> "PrescribedDisplacement":
+        """Displacements whose forces have typical sizes `unit` (p,) on ports of a body."""
+        return cls(ports, ports.values(body, jnp.zeros(body.n)), unit)
 
     @property
     def sizes(self):
@@ -63,3 +82,8 @@ class PrescribedDisplacement(AbstractLoad):
         """y − y_rest − u = 0 (p,)."""
         del force, internal
         return y - self.rest - drive
+
+    def conjugate(self, force, internal, y):
+        """The forces (p,)."""
+        del internal, y
+        return force

@@ -53,6 +53,11 @@ class Punch(AbstractLoad):
         law = jnp.where(self.touching(force, internal, y), gap + _SOFTENING * force, force)
         return jnp.append(law, jnp.sum(force) - drive[0] - _WEIGHT)
 
+    def conjugate(self, force, internal, y):
+        """The depth (1,) [m]."""
+        del force, y
+        return internal
+
     def touching(
         self, force: Float[Array, " m"], internal: Float[Array, " 1"], y: Float[Array, " m"]
     ) -> Bool[Array, " m"]:

@@ -1,13 +1,10 @@
 """Sparse direct solution of K x = b by SuiteSparse inside jit (package sparsax, CPU only): CHOLMOD and KLU.
 
 The factor that travels through jit is the assembled matrix. sparsax keeps the numeric factorisation outside,
-keyed by the matrix' values: the
-first solve with new values factorises, further ones reuse it. CHOLMOD keeps one factorisation a pattern and
-KLU 32, so alternating between more
-matrices than that factorises again each time, but is never wrong. (sparsax' explicit tokens keep every
-factorisation ever made alive.)
-Failure raises out of the compiled program here; that it is data, NaN read as a result code, holds for
-`Multifrontal` only.
+keyed by the matrix' values: the first solve with new values factorises, further ones reuse it. CHOLMOD keeps
+one factorisation a pattern and KLU 32, so alternating between more matrices than that factorises again each
+time, but is never wrong. (sparsax' explicit tokens keep every factorisation ever made alive.) Failure raises
+out of the compiled program here; that it is data, NaN read as a result code, holds for `Multifrontal` only.
 Sources: Chen, Davis, Hager and Rajamanickam, ACM TOMS 35(3), 2008 (CHOLMOD); Davis and Palamadai Natarajan,
 ACM TOMS 37(3), 2010 (KLU).
 """

@@ -1,3 +1,3 @@
-"""From volumes and locations to forces and shape: compliance, bounded QP, estimate step, nonlinear
-estimate.
+"""From volumes and locations to forces and shape: compliance, bounded QP, estimate step,
+nonlinear estimate.
 """

@@ -1,13 +1,15 @@
-"""min ½ xᵀQx − bᵀx subject to lower ≤ x ≤ upper, for a few unknowns (Navarro et al. 2020, eqs. 9 and 10).
+"""min ½ xᵀQx − bᵀx subject to lower ≤ x ≤ upper and low ≤ A x ≤ high, for a few unknowns (Navarro et al.
+2020, eqs. 9 and 10).
 
-jaxopt's BoxOSQP finds the active bounds on the problem with unit diagonal; a direct solve on the free
-unknowns then polishes the solution to machine precision and is what gets differentiated. The KKT residual
-says how far the result is from optimal: the largest violation of x = clip(x − (Qx − b)/diag Q, lower, upper),
-in units of x. This is the only file that knows jaxopt.
+jaxopt's BoxOSQP finds the active bounds on the problem with unit diagonal and rows of unit length; active-set
+steps from there correct what its tolerance left open, and the last of them, a direct solve, is what gets
+differentiated. The KKT residual says how far the result is from optimal, in units of x. This is the only file
+that knows jaxopt.
 """
 
 import warnings
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -18,40 +20,114 @@ with warnings.catch_warnings():
     from jaxopt import BoxOSQP
 
 _SOLVER = BoxOSQP(tol=1e-8, maxiter=4000, check_primal_dual_infeasability=False, jit=True)
+_NO_BOUND = 1e15  # of a scaled unknown: stands for an infinite bound
+_ROUNDING = 1e-10  # by which a row may miss its bound
+_MAX_CHANGES = 30
+_DEPENDENT = 1e-13  # active rows that say the same share their multiplier
+
+
+class Rows(eqx.Module):
+    """low (m,) ≤ A x ≤ high (m,) for a matrix A (m, n); equal bounds are an equality, infinite ones none."""
+
+    matrix: Float[Array, "m n"]
+    low: Float[Array, " m"]
+    high: Float[Array, " m"]
+
+    @classmethod
+    def none(cls, n: int) -> "Rows":
+        """No rows on n unknowns."""
+        return cls(jnp.zeros((0, n)), jnp.zeros(0), jnp.zeros(0))
 
 
 def kkt_residual(
     x: Float[Array, " n"],
+    multipliers: Float[Array, " m"],
     q: Float[Array, "n n"],
     b: Float[Array, " n"],
     lower: Float[Array, " n"],
     upper: Float[Array, " n"],
+    rows: Rows,
 ) -> Float[Array, ""]:
-    """Largest distance of x (n,) from its projected Jacobi step, in units of x; 0 exactly at the solution."""
-    return jnp.max(jnp.abs(x - jnp.clip(x - (q @ x - b) / jnp.diag(q), lower, upper)))
+    """Distance from optimality in units of x; 0 exactly at the solution.
+
+    The largest of: the distance of x (n,) from its projected Jacobi step, under multipliers (m,) of the rows;
+    and how far the most effective unknown of a row would have to move to keep the row's bounds.
+    """
+    slope = q @ x - b + rows.matrix.T @ multipliers
+    stationary = jnp.max(jnp.abs(x - jnp.clip(x - slope / jnp.diag(q), lower, upper)))
+    value = rows.matrix @ x
+    size = jnp.max(jnp.abs(rows.matrix), axis=1) if rows.low.size else jnp.zeros(0)
+    violated = jnp.abs(value - jnp.clip(value, rows.low, rows.high)) / jnp.where(size > 0, size, 1.0)
+    return jnp.maximum(stationary, jnp.max(violated, initial=0.0))
 
 
 def solve_bounded_qp(
-    q: Float[Array, "n n"], b: Float[Array, " n"], lower: Float[Array, " n"], upper: Float[Array, " n"]
+    q: Float[Array, "n n"],
+    b: Float[Array, " n"],
+    lower: Float[Array, " n"],
+    upper: Float[Array, " n"],
+    rows: Rows | None = None,
 ) -> tuple[Float[Array, " n"], Float[Array, ""]]:
-    """Solution (n,) and KKT residual for a positive definite q (n, n), b (n,) and bounds lower ≤ upper (n,).
+    """Solution (n,) and KKT residual for a positive definite q (n, n), b (n,), bounds lower ≤ upper (n,) and
+    rows.
 
-    Differentiable in all arguments where no bound is about to become active or inactive.
+    Differentiable in all arguments where no bound is about to become active or inactive. Bounds that
+    contradict each other leave a large KKT residual.
     """
+    n = len(b)
+    rows = Rows.none(n) if rows is None else rows
     scale = 1 / jnp.sqrt(jnp.diag(q))
-    problem = (q * scale[:, None] * scale, -b * scale, lower / scale, upper / scale)
-    scaled_q, scaled_c, low, high = jax.lax.stop_gradient(problem)
-    size = jnp.eye(len(b))
-    found = _SOLVER.run(
-        params_obj=(scaled_q, scaled_c), params_eq=size, params_ineq=(low, high)
-    ).params.primal[0]
-    # A bound is active where the solution sits on it and the gradient pushes against it.
-    slope = scaled_q @ found + scaled_c
-    at_lower = found - slope <= low
-    at_upper = (found - slope >= high) & ~at_lower
-    free = ~(at_lower | at_upper)
-    held = jnp.where(at_lower, lower, jnp.where(at_upper, upper, 0.0))
-    matrix = jnp.where(free[:, None] & free, q, 0.0) + jnp.diag(jnp.where(free, 0.0, 1.0))
-    x = jnp.where(free, jnp.linalg.solve(matrix, jnp.where(free, b - q @ held, 0.0)), held)
-    x = jnp.clip(x, lower, upper)
-    return x, kkt_residual(x, q, b, lower, upper)
+    matrix = jnp.concatenate([jnp.eye(n), rows.matrix * scale])
+    length = jnp.linalg.norm(matrix, axis=1)
+    length = jnp.where(length > 0, length, 1.0)
+    matrix = matrix / length[:, None]
+    low = jnp.concatenate([lower / scale, rows.low]) / length
+    high = jnp.concatenate([upper / scale, rows.high]) / length
+    scaled_q, scaled_b = q * scale[:, None] * scale, b * scale
+    at_low, at_high = _active(*jax.lax.stop_gradient((scaled_q, scaled_b, matrix, low, high)))
+    found, y = _held(scaled_q, scaled_b, matrix, low, high, at_low, at_high)
+    x = jnp.clip(found * scale, lower, upper)
+    # A multiplier of the wrong sign belongs to a bound that should not be active: let the residual say so.
+    y = jnp.where(
+        at_low & ~at_high, jnp.minimum(y, 0.0), jnp.where(at_high & ~at_low, jnp.maximum(y, 0.0), y)
+    )
+    return x, kkt_residual(x, y[n:] / length[n:], q, b, lower, upper, rows)
+
+
+def _held(
+    q: Array, b: Array, matrix: Array, low: Array, high: Array, at_low: Array, at_high: Array
+) -> tuple[Array, Array]:
+    """The optimum (n,) that holds the active rows (m,) as equalities, and their multipliers (m,)."""
+    n, active = len(b), at_low | at_high
+    held = jnp.where(at_low, low, jnp.where(at_high, high, 0.0))
+    on = jnp.where(active[:, None], matrix, 0.0)
+    exact = jnp.block([[q, on.T], [on, jnp.diag(jnp.where(active, 0.0, 1.0))]])
+    softened = exact - _DEPENDENT * jnp.diag(jnp.concatenate([jnp.zeros(n), active]))
+    factor = jax.scipy.linalg.lu_factor(softened)
+    right = jnp.concatenate([b, held])
+    found = jax.scipy.linalg.lu_solve(factor, right)
+    # The softening leaves the solution again where there is one without it.
+    found = found + jax.scipy.linalg.lu_solve(factor, right - exact @ found)
+    return found[:n], found[n:]
+
+
+def _active(q: Array, b: Array, matrix: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Which of the rows (m,) sit on their lower and on their upper bound; both for equalities."""
+    low, high = jnp.maximum(low, -_NO_BOUND), jnp.minimum(high, _NO_BOUND)
+    found = _SOLVER.run(params_obj=(q, -b), params_eq=matrix, params_ineq=(low, high)).params
+    value = found.primal[1]
+    up, down = found.dual_ineq
+    equal = low == high
+
+    def update(carry):
+        (at_low, at_high), _, count = carry
+        x, y = _held(q, b, matrix, low, high, at_low, at_high)
+        value = matrix @ x
+        on_low = equal | jnp.where(at_low, y < 0, value < low - _ROUNDING * (1 + jnp.abs(low)))
+        on_high = equal | jnp.where(at_high, y > 0, value > high + _ROUNDING * (1 + jnp.abs(high)))
+        changed = jnp.any((on_low != at_low) | (on_high != at_high))
+        return (on_low, on_high), changed, count + 1
+
+    first = (equal | (down > value - low), equal | (up > high - value))
+    last = jax.lax.while_loop(lambda c: c[1] & (c[2] < _MAX_CHANGES), update, (first, jnp.array(True), 0))
+    return last[0]

@@ -1,6 +1,6 @@
 """A soft sensing device: a body, what is attached to it and what may touch it, and what its sensors read.
 
-`reading(z)` is the measurement model s(q), for vented cavities ΔV(q) of Navarro et al. 2020, eq. 8;
+`reading(state)` is the measurement model s(q), for vented cavities ΔV(q) of Navarro et al. 2020, eq. 8;
 `jax.jacfwd` of it through the equilibrium is the compliance W_va. Drives are ordered contacts first, then the
 attached loads.
 """
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
@@ -21,10 +22,11 @@ from softfuse.functional.base import Functional
 
 
 class Device(eqx.Module):
-    """Body, k sensors, what may touch, and loads that are always there, such as cables and sealed cavities.
+    """Body, sensors, what may touch, and loads that are always there, such as cables and sealed cavities.
 
-    The place of each contact, a location (3,) m or the number of an electrode as `contact` wants it, is given
-    with each use.
+    Readings are those of the `sensors`, functionals of the positions, then what answers the attached loads'
+    drives numbered in `gauges`: a cable's shortening, the pressure of sealed gas. The place of each contact,
+    a location (3,) m or the number of an electrode as `contact` wants it, is given with each use.
     """
 
     body: Body
@@ -32,6 +34,12 @@ class Device(eqx.Module):
     contact: AbstractContact
     linear: AbstractLinearSolver
     attached: tuple[AbstractLoad, ...] = ()
+    gauges: tuple[int, ...] = eqx.field(static=True, default=())
+
+    @property
+    def readings(self) -> int:
+        """Number k of readings."""
+        return len(self.sensors) + len(self.gauges)
 
     def loads(self, places: Sequence[Array] | Array) -> Loads:
         """The loads under contacts at places (c, ...)."""
@@ -42,13 +50,23 @@ class Device(eqx.Module):
         """The undeformed state under contacts at places (c, ...) without force."""
         return State.rest(self.body, self.loads(places))
 
-    def reading(self, z: Float[Array, " n"]) -> Float[Array, " k"]:
-        """What the sensors read at the body's unknowns z (n,), minus what they read at rest (k,), in SI."""
+    def reading(self, state: State) -> Float[Array, " k"]:
+        """What the sensors read in a state, those of positions minus their reading at rest (k,), in SI."""
 
         def read(positions):
-            return jnp.stack([sensor(positions) for sensor in self.sensors])
+            return jnp.stack([jnp.zeros(()), *(sensor(positions) for sensor in self.sensors)])[1:]
 
-        return read(self.body.rest + self.body.displacement(z)) - read(self.body.rest)
+        moved = read(self.body.rest + self.body.displacement(state.z)) - read(self.body.rest)
+        return jnp.concatenate([moved, self.answers(state)[np.array(self.gauges, int)]])
+
+    def answers(self, state: State) -> Float[Array, " a"]:
+        """What answers the attached loads' drives (a,), see `AbstractLoad.conjugate`."""
+        attached = Loads(self.attached)
+        if not self.attached:
+            return jnp.zeros(0)
+        force = state.force[state.force.shape[0] - attached.sizes.forces :]
+        internal = state.internal[state.internal.shape[0] - attached.sizes.internal :]
+        return attached.conjugate(force, internal, attached.values(self.body, state.z))
 
 
 @eqx.filter_jit
@@ -69,11 +87,11 @@ def simulate(
 def compliance(
     device: Device, places: Array, drive: Float[Array, " D"], start: State | None = None
 ) -> Float[Array, "k D"]:
-    """W = ∂s/∂u (k, D), readings per drive, at the equilibrium under drives (D,): one linear solve for
-    each.
+    """W = ∂s/∂u (k, D), readings per drive, at the equilibrium under drives (D,): one linear
+    solve for each.
     """
 
     def measured(given):
-        return device.reading(simulate(device, places, given, start).state.z)
+        return device.reading(simulate(device, places, given, start).state)
 
     return jax.jacfwd(measured)(drive)

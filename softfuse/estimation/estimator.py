@@ -19,7 +19,8 @@ from softfuse.equilibrium.linearised import loaded_tangents
 from softfuse.equilibrium.solution import State
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device
-from softfuse.estimation.step import Limits, Observation, StepReport, estimate_step
+from softfuse.estimation.limits import Limits
+from softfuse.estimation.step import Observation, StepReport, estimate_step
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,7 @@ class Estimate:
     minus modelled readings (k,) and the step's report.
 
     `renewed`: the factor was renewed for this frame; `lost`: the state was given up, drives are those at
-    rest;
-    `latency_s`: wall time from call to return.
+    rest; `latency_s`: wall time from call to return.
     """
 
     drive: Float[np.ndarray, " D"]
@@ -93,7 +93,7 @@ class Estimator:
             raise SolveError(
                 "the body's stiffness at rest is singular: fix more nodes, or mend materials and mesh"
             )
-        k = len(device.sensors)
+        k = device.readings
         seen = Observation(jnp.zeros(k), jnp.zeros(k), places)
         self._step = jax.jit(step).lower(arrays, self._rest_factor, self._rest, seen).compile()
         self.compile_s = time.perf_counter() - started

@@ -14,7 +14,8 @@ from jaxtyping import Array, Bool, Float, Int
 from softfuse.equilibrium.solution import State
 from softfuse.estimation.bounded_qp import solve_bounded_qp
 from softfuse.estimation.device import Device, compliance, simulate
-from softfuse.estimation.step import Limits, Observation
+from softfuse.estimation.limits import Limits
+from softfuse.estimation.step import Observation
 
 
 class Converged(eqx.Module):
@@ -27,7 +28,7 @@ class Converged(eqx.Module):
 
 def _slope(device: Device, seen: Observation, start: State, drive: Float[Array, " D"]) -> Float[Array, " D"]:
     """h (D,) [1/drive]: half the gradient of the weighted misfit."""
-    value = device.reading(simulate(device, seen.places, drive, start).state.z)
+    value = device.reading(simulate(device, seen.places, drive, start).state)
     misfit = jnp.where(seen.weight > 0, (value - seen.reading) * seen.weight**2, 0.0)
     return compliance(device, seen.places, drive, start).T @ misfit
 

@@ -1,16 +1,16 @@
 """The estimate step: relinearise, bounded QP, advance (Navarro et al. 2020, eqs. 2 and 8 to 10).
 
 At a state the body is linearised, the loads find their forces x on it at unchanged drives u (`interface`),
-and
-the linear system around them,
+and the linear system around them,
 
     K δz − G_f δf = −(r(z) − G_f f),    E_x δx + E_y Gᵀ δz + E_u δu = −E,
 
 gives the equilibrium's correction at δu = 0, z₀, and the sensitivity t = dz/du of each drive. With W = ∂s/∂z
-t
-and the innovation e = s_measured − s(z₀),
+t and the innovation e = s_measured − s(z₀),
 
-    Δu = argmin Σ_i (e_i − (W Δu)_i)² / σ_i² + Σ_j ε_j Δu_j²   subject to u_min ≤ u + Δu ≤ u_max,
+    Δu = argmin Σ_i (e_i − (W Δu)_i)² / σ_i² + Σ_j ε_j Δu_j²   subject to u_min ≤ u + Δu ≤ u_max
+
+and, where strokes c(z, x) are limited, c_min ≤ c + (dc/du) Δu ≤ c_max;
 
 then z = z₀ + t Δu. ε damps the step and leaves no bias once the steps have converged. The factor of K may
 belong to an older tangent: refinements with the tangent's own action make up for it, and their first
@@ -26,10 +26,12 @@ from softfuse.body.body import volume_ratios
 from softfuse.equilibrium.interface import settle, slopes
 from softfuse.equilibrium.linear_solver import Solve
 from softfuse.equilibrium.linearised import coupled, linearise, stiffness_action
+from softfuse.equilibrium.load import Loads
 from softfuse.equilibrium.newton import tangent_at
 from softfuse.equilibrium.solution import State
-from softfuse.estimation.bounded_qp import solve_bounded_qp
+from softfuse.estimation.bounded_qp import Rows, solve_bounded_qp
 from softfuse.estimation.device import Device
+from softfuse.estimation.limits import Limits
 
 
 class Observation(eqx.Module):
@@ -40,14 +42,6 @@ class Observation(eqx.Module):
     reading: Float[Array, " k"]
     weight: Float[Array, " k"]
     places: Array
-
-
-class Limits(eqx.Module):
-    """Bounds of the drives, `lower` to `upper` (D,), and the regularisation ε (D,) of one step [1/drive²]."""
-
-    lower: Float[Array, " D"]
-    upper: Float[Array, " D"]
-    regularisation: Float[Array, " D"]
 
 
 class StepReport(eqx.Module):
@@ -67,6 +61,16 @@ class StepReport(eqx.Module):
     least_volume_ratio: Float[Array, ""]
 
 
+def strokes(device: Device, loads: Loads, state: State) -> Float[Array, " D"]:
+    """What answers each drive (D,) in a state: see `AbstractLoad.conjugate`."""
+    return loads.conjugate(state.force, state.internal, loads.values(device.body, state.z))
+
+
+def _moved(state: State, dz: Float[Array, " n"], dx: Float[Array, " r"]) -> State:
+    q = state.force.shape[0]
+    return State(state.z + dz, state.force + dx[:q], state.internal + dx[q:], state.drive)
+
+
 def advance(
     device: Device, limits: Limits, inverse: Solve, state: State, seen: Observation, *, refinements: int
 ) -> tuple[State, StepReport]:
@@ -83,7 +87,7 @@ def advance(
     system = coupled(loads, linear, slope)
     pushed = system.pushed
     # First column: the correction at unchanged drives. Others: the sensitivity to each drive.
-    at = eqx.tree_at(lambda s: s.force, state, settled.force)
+    at = State(state.z, settled.force, settled.internal, state.drive)
     unsettled = linear.residual - pushed @ settled.force
     load = jnp.zeros((body.n, 1 + drives)).at[:, 0].set(-unsettled)
     missing = loads.equations(*x, y, state.drive) + slope.y @ (loads.values(body, state.z) - y)
@@ -98,21 +102,22 @@ def advance(
                 jnp.linalg.norm(ddz[moves], axis=0) / (jnp.linalg.norm(dz[moves], axis=0) + 1e-12)
             )
         dz, dx = dz + ddz, dx + ddx
-    reached = state.z + dz[:, 0]
-    value, read = jax.linearize(device.reading, reached)
-    w = jax.vmap(read, 1, 1)(dz[:, 1:])
+    settled_at = _moved(at, dz[:, 0], dx[:, 0])
+    along = jax.vmap(lambda z, x: State(z, x[:q], x[q:], jnp.zeros(drives)), 1)(dz[:, 1:], dx[:, 1:])
+    value, read = jax.linearize(device.reading, settled_at)
+    w = jax.vmap(read, 0, 1)(along)
     innovation = seen.reading - value
     whitened = w * seen.weight[:, None]
     hessian = whitened.T @ whitened + jnp.diag(limits.regularisation)
     b = whitened.T @ jnp.where(seen.weight > 0, innovation * seen.weight, 0.0)
-    change, kkt = solve_bounded_qp(hessian, b, limits.lower - state.drive, limits.upper - state.drive)
-    moved = dx[:, 0] + dx[:, 1:] @ change
-    after = State(
-        reached + dz[:, 1:] @ change,
-        settled.force + moved[:q],
-        settled.internal + moved[q:],
-        state.drive + change,
-    )
+    rows = None
+    if limits.strokes is not None:
+        stroke, turn = jax.linearize(lambda s: strokes(device, loads, s), settled_at)
+        rows = Rows(jax.vmap(turn, 0, 1)(along), *(bound - stroke for bound in limits.strokes))
+    low, high = limits.lower - state.drive, limits.upper - state.drive
+    change, kkt = solve_bounded_qp(hessian, b, low, high, rows)
+    after = _moved(settled_at, dz[:, 1:] @ change, dx[:, 1:] @ change)
+    after = eqx.tree_at(lambda s: s.drive, after, state.drive + change)
     report = StepReport(
         innovation - w @ change,
         w,

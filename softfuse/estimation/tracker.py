@@ -18,7 +18,8 @@ from jaxtyping import Array, Float
 
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimator, StepSettings
-from softfuse.estimation.step import Limits, Observation
+from softfuse.estimation.limits import Limits
+from softfuse.estimation.step import Observation
 from softfuse.sensing import PadMeasurement, PadSensors, pad_sensor_init, pad_sensor_update
 
 

@@ -1,5 +1,5 @@
-"""A functional g(q): a scalar of the configuration that is a sensor's reading, or an actuator's stroke with
-a conjugate force.
+"""A functional g(q): a scalar of the configuration that is a sensor's reading, or an actuator's stroke with a
+conjugate force.
 """
 
 from typing import Protocol

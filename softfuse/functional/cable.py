@@ -1,9 +1,8 @@
 """A cable through guide points in the body: its path, length and the forces that its tension puts on them.
 
 The path runs from the fixed pulling point x_0 through the guides x_1 ... x_g; it is fastened to the last one.
-Its length is ℓ = Σ_i |x_i − x_{i−1}|. A tension T in all segments pushes the guides with f_i = −T ∂ℓ/∂x_i =
-T ((x_{i−1} − x_i)/|x_{i−1} − x_i| + (x_{i+1} − x_i)/|x_{i+1} − x_i|), which is the direction H_c of Navarro
-et
+Its length is ℓ = Σ_i |x_i − x_{i−1}|. A tension T in all segments pushes the guides with f_i = −T ∂ℓ/∂x_i = T
+((x_{i−1} − x_i)/|x_{i−1} − x_i| + (x_{i+1} − x_i)/|x_{i+1} − x_i|), which is the direction H_c of Navarro et
 al. 2020, eqs. 3 and 4, with δ_c = −ℓ. With friction (capstan, Euler and Eytelwein) the tension falls at every
 guide by exp(−μ θ_i), θ_i the angle by which the cable turns there.
 """

@@ -18,13 +18,12 @@ from softfuse.body.body import Body
 from softfuse.body.shape import linear, quadratic
 from softfuse.functional.pressure_cells import PressureCells
 
-
 _GRAZING = 0.1  # cosine below which a face is seen edge-on
 
 
 class Landed(eqx.Module):
-    """Where points meet a surface: nodes (p, s) of the face, shape values (p, s), their slopes (p, s, 2) [1/m]
-    along the surface's tangents, and whether the point meets it at all (p,).
+    """Where points meet a surface: nodes (p, s) of the face, shape values (p, s), their slopes (p, s, 2)
+    [1/m] along the surface's tangents, and whether the point meets it at all (p,).
     """
 
     nodes: Int[Array, "p s"]

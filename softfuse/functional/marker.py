@@ -1,5 +1,5 @@
-"""A material point's position along a direction: g = d · x(X), for optical tracking; its conjugate force is
-a point force [N].
+"""A material point's position along a direction: g = d · x(X), for optical tracking; its conjugate force is a
+point force [N].
 """
 
 import equinox as eqx

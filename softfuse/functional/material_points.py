@@ -1,9 +1,8 @@
 """Points that move with the body: each is carried by the nodes of its element, x(X) = Σ_a N_a(ξ(X)) x_a.
 
 The local coordinates ξ solve Σ_a N_a(ξ) X_a = X on the rest mesh. Which element a point lies in is found
-once;
-ξ follows rest nodes and point differentiably: one Newton step from the solution, exact for elements with
-straight edges and to first order for curved ones.
+once; ξ follows rest nodes and point differentiably: one Newton step from the solution, exact for elements
+with straight edges and to first order for curved ones.
 """
 
 import equinox as eqx

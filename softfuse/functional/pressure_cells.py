@@ -2,14 +2,11 @@
 and unit force.
 
 `uniform` has one cell, constant pressure on the whole disc: "equal force everywhere" (Navarro et al. 2020,
-Sec. IV-B), whose functional is the patch's mean displacement.
-`flat_punch` cuts the disc into ring sectors; the forces of the cells then follow from equal displacement
-where pressed and no tension.
-The pressure under a sharp rigid edge grows like (1 − r²)^(-1/2), so every cell carries this weight: on an
-elastic half space equal
+Sec. IV-B), whose functional is the patch's mean displacement. `flat_punch` cuts the disc into ring sectors;
+the forces of the cells then follow from equal displacement where pressed and no tension. The pressure under a
+sharp rigid edge grows like (1 − r²)^(-1/2), so every cell carries this weight: on an elastic half space equal
 cell pressures are then the exact solution. Quadrature in s = √(1 − r²) takes the singularity out, ∫ f r dr /
-√(1 − r²) = ∫ f ds.
-Source: Johnson, Contact Mechanics, 1985, ch. 3.
+√(1 − r²) = ∫ f ds. Source: Johnson, Contact Mechanics, 1985, ch. 3.
 """
 
 import equinox as eqx

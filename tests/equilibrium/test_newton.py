@@ -1,9 +1,9 @@
 """Equilibria: the elastica, balance, independence of the path, and failure as data.
 
 Elastica: θ'' = −α cos θ on [0, 1], θ(0) = 0, θ'(1) = 0, α = P L²/(E I), x' = cos θ, y' = sin θ, lengths in
-units of L (tabulated by Mattiasson, Int. J. Numer. Methods Eng. 17, 1981). A beam of
-height h differs from it by its shear, 3 E I/(κ G A L²) = 0.6 (h/L)² of the deflection at ν = 0 for small
-loads (Timoshenko, κ = 5/6, G = E/2): the error must fall with the square of the slenderness.
+units of L (tabulated by Mattiasson, Int. J. Numer. Methods Eng. 17, 1981). A beam of height h differs from it
+by its shear, 3 E I/(κ G A L²) = 0.6 (h/L)² of the deflection at ν = 0 for small loads (Timoshenko, κ = 5/6, G
+= E/2): the error must fall with the square of the slenderness.
 """
 
 from typing import NamedTuple
@@ -86,7 +86,7 @@ def cantilever(box):
         np.add.at(rows[:, 0], np.asarray(body.displacement_index)[end[:, 3:], 2], 1 / 6)
         force = LOAD * YOUNG * HEIGHT**4 / 12 / length**2
         newton = Newton(SparseLU.plan(body))
-        end_force = PrescribedForce(LinearPorts(jnp.zeros(1), jnp.asarray(rows)), jnp.ones(1))
+        end_force = PrescribedForce.on(LinearPorts(jnp.zeros(1), jnp.asarray(rows)), body, jnp.ones(1))
         loads = Loads((end_force,))
         solution = _solve(newton, body, loads, jnp.array([force]), State.rest(body, loads))
         displacement = np.asarray(body.displacement(solution.state.z))

@@ -1,7 +1,7 @@
 """Cell forces under rigid discs: the optimality conditions, and the same answer as an exact QP solver.
 
-0 ≤ a ⊥ g − d ≥ 0 with g = g₀ + S a and Σ a = F for each disc, which is the minimum of ½ aᵀS a + g₀ᵀa over
-a ≥ 0, Σ a = F.
+0 ≤ a ⊥ g − d ≥ 0 with g = g₀ + S a and Σ a = F for each disc, which is the minimum of ½ aᵀS a + g₀ᵀa over a ≥
+0, Σ a = F.
 """
 
 from ctypes import c_int

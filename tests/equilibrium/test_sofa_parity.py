@@ -2,8 +2,8 @@
 
 `tests/data/sofa_pad.npz` holds outputs of SOFA v25.06: a pad of 64 × 64 × 20 mm in two meshes (`pad_s` of 678
 nodes, `pad_m` of 1,927; `nodes`, `tets`, `bottom` fixed, `press` loaded), displacements and cavity volumes
-under a total force in −z split equally over `press`, for the element rotations `large` and `polar`;
-E = 100 kPa, ν = 0.45, no gravity. Units there and in the element law here: mm, mN, kPa, mm³ (N in names).
+under a total force in −z split equally over `press`, for the element rotations `large` and `polar`; E = 100
+kPa, ν = 0.45, no gravity. Units there and in the element law here: mm, mN, kPa, mm³ (N in names).
 
 SOFA's element law: f_e = −Q K_e (Qᵀx − X), K_e = V Bᵀ C B at rest, tangent Q K_e Qᵀ, and Q from the edges of
 the element: `large` from an orthonormal frame of three of its nodes, `polar` from the orthogonal factors of
@@ -179,9 +179,10 @@ def _reference(name: str, newtons: float, rotation: str) -> np.ndarray:
 # The same pad in softfuse.
 
 
-def _along(rows: np.ndarray) -> Loads:
+def _along(rows: np.ndarray, body: Body) -> Loads:
     """A force [N] along nodal forces (n,) a newton."""
-    return Loads((PrescribedForce(LinearPorts(jnp.zeros(1), jnp.asarray(rows)[:, None]), jnp.ones(1)),))
+    ports = LinearPorts(jnp.zeros(1), jnp.asarray(rows)[:, None])
+    return Loads((PrescribedForce.on(ports, body, jnp.ones(1)),))
 
 
 @cache
@@ -194,7 +195,7 @@ def _body(name: str) -> tuple[Body, Newton, Loads]:
     body = Body.from_mesh(tet_mesh(1e-3 * pad.nodes, pad.tets), [law], fixed, element=LINEAR)
     load = np.zeros(body.n)
     load[np.asarray(body.displacement_index)[pad.press, 2]] = -1.0 / len(pad.press)
-    return body, Newton(SparseLU.plan(body)), _along(load)
+    return body, Newton(SparseLU.plan(body)), _along(load, body)
 
 
 @cache
@@ -301,7 +302,7 @@ def _pushed_tet(overload: float) -> tuple[Solution, float, float]:
     law, fixed = Springs(jnp.array(1e5), jnp.array(0.0)), np.array([True, True, True, False])
     body = Body.from_mesh(tet_mesh(nodes, [[0, 1, 2, 3]]), [law], fixed, element=LINEAR)
     flat = 1e5 * 0.5 * 0.01**2 / 3.0
-    load = _along(np.array([0.0, 0.0, -1.0]))
+    load = _along(np.array([0.0, 0.0, -1.0]), body)
     start = State.rest(body, load)
     solution = _solve(Newton(Dense.plan(body)), body, load, jnp.array([overload * flat]), start)
     ratio = float(_volume_ratios(body, solution.state.z)[0, 0])

@@ -77,7 +77,7 @@ def _swollen(sphere: Sphere, load, drive: float) -> tuple[float, Solution]:
 
 def _inflated(sphere: Sphere, pressure: float) -> float:
     ports = VolumePorts.of((sphere.cavity,), sphere.body)
-    return _swollen(sphere, PrescribedForce(ports, jnp.full(1, 1e3)), pressure)[0]
+    return _swollen(sphere, PrescribedForce.on(ports, sphere.body, jnp.full(1, 1e3)), pressure)[0]
 
 
 def _gas(sphere: Sphere, dead: float, exponent: float) -> SealedGas:
@@ -104,7 +104,9 @@ def test_a_sphere_swells_as_lame_says(sphere, poisson: float) -> None:
 def test_sealed_gas_and_the_sphere_share_the_overpressure(sphere, dead_over_rest, exponent) -> None:
     """Gas sealed in 50 Pa above the atmosphere gives most of it up to its own expansion: E is that of air."""
     ball = sphere(2, 0.3)
-    swollen, found = _swollen(ball, _gas(ball, dead_over_rest * ball.rest_volume, exponent), ATMOSPHERE + 50.0)
+    swollen, found = _swollen(
+        ball, _gas(ball, dead_over_rest * ball.rest_volume, exponent), ATMOSPHERE + 50.0
+    )
 
     def balance(stiffness):
         def left(v):
@@ -131,7 +133,7 @@ def test_a_following_pressure_adds_its_second_derivative_to_the_tangent(sphere) 
     """Element tangents under pressure, assembled, against differences of the balance."""
     ball = sphere(1, 0.3)
     ports = VolumePorts.of((ball.cavity,), ball.body)
-    loads = Loads((PrescribedForce(ports, jnp.ones(1)),))
+    loads = Loads((PrescribedForce.on(ports, ball.body, jnp.ones(1)),))
     state = eqx.tree_at(lambda s: s.force, State.rest(ball.body, loads), jnp.array([2e4]))
     random = np.random.default_rng(0)
     z = jnp.asarray(1e-4 * random.normal(size=ball.body.n))

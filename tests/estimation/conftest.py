@@ -12,7 +12,7 @@ from softfuse.equilibrium.linear_solver import AbstractLinearSolver
 from softfuse.equilibrium.multifrontal import Multifrontal
 from softfuse.equilibrium.punch import PunchContact
 from softfuse.estimation.device import Device, simulate
-from softfuse.estimation.step import Limits
+from softfuse.estimation.limits import Limits
 from softfuse.functional import Cavity
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
@@ -53,7 +53,7 @@ def plain_device() -> Device:
 @pytest.fixture(scope="session")
 def volumes_under():
     """volumes_under(device, locations, force): volume changes (k,) at the equilibrium, compiled once."""
-    return eqx.filter_jit(lambda d, at, force: d.reading(simulate(d, at, force).state.z))
+    return eqx.filter_jit(lambda d, at, force: d.reading(simulate(d, at, force).state))
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.estimation.bounded_qp import kkt_residual, solve_bounded_qp
+from softfuse.estimation.bounded_qp import Rows, kkt_residual, solve_bounded_qp
 
 
 def _problem(seed: int, n: int):
@@ -39,12 +39,55 @@ def test_it_agrees_with_daqp(seed: int, n: int) -> None:
     assert float(kkt) < 1e-9 * float(np.max(np.abs(x)) + 1)
 
 
+def _rows(seed: int, n: int, m: int) -> Rows:
+    """An equality, a one-sided row and ranges that some point within all bounds keeps."""
+    rng = np.random.default_rng(1000 + seed)
+    _, _, lower, upper = _problem(seed, n)
+    matrix = rng.normal(size=(m, n))
+    value = matrix @ (lower + (upper - lower) * rng.uniform(0.2, 0.8, n))
+    low, high = value - rng.uniform(0, 0.3, m), value + rng.uniform(0, 0.3, m)
+    low[0] = high[0] = value[0]
+    high[1:2] = np.inf
+    return Rows(*map(jnp.asarray, (matrix, low, high)))
+
+
+@pytest.mark.parametrize("n, m", [(2, 1), (3, 2), (6, 3)])
+@pytest.mark.parametrize("seed", range(8))
+def test_with_rows_it_agrees_with_daqp(seed: int, n: int, m: int) -> None:
+    q, b, lower, upper = _problem(seed, n)
+    rows = _rows(seed, n, m)
+    scale = 1 / np.sqrt(np.diag(q))
+    x, kkt = jax.jit(solve_bounded_qp)(*map(jnp.asarray, (q, b, lower, upper)), rows)
+    exact, _, flag, _ = daqp.solve(
+        q * scale * scale[:, None],
+        -b * scale,
+        np.ascontiguousarray(np.asarray(rows.matrix) * scale),
+        np.concatenate([upper / scale, np.minimum(rows.high, 1e30)]),
+        np.concatenate([lower / scale, rows.low]),
+        np.array([0] * n + [5] + [0] * (m - 1), dtype=np.int32),
+        primal_tol=1e-12,
+        dual_tol=1e-12,
+    )
+    assert flag == 1
+    np.testing.assert_allclose(np.asarray(x) / scale, exact, rtol=1e-8, atol=1e-8)
+    np.testing.assert_allclose(rows.matrix[0] @ x, rows.low[0], rtol=0, atol=1e-10)
+    assert float(kkt) < 1e-8 * float(np.max(np.abs(x)) + 1)
+
+
+def test_bounds_that_contradict_each_other_leave_a_residual() -> None:
+    q, b, lower, upper = map(jnp.asarray, _problem(1, 3))
+    apart = Rows(jnp.eye(1, 3), 1 + upper[:1], 1 + upper[:1])
+    _, kkt = solve_bounded_qp(q, b, lower, upper, apart)
+    assert float(kkt) > 0.5
+
+
 def test_the_residual_tells_a_wrong_solution() -> None:
     q, b, lower, upper = map(jnp.asarray, _problem(1, 4))
     x, kkt = solve_bounded_qp(q, b, lower, upper)
-    assert float(kkt_residual(x, q, b, lower, upper)) == float(kkt)
+    rest = (jnp.zeros(0), q, b, lower, upper, Rows.none(4))
+    assert float(kkt_residual(x, *rest)) == float(kkt)
     inwards = 0.9 * x + 0.05 * (lower + upper)
-    assert float(kkt_residual(inwards, q, b, lower, upper)) > 1e-3
+    assert float(kkt_residual(inwards, *rest)) > 1e-3
 
 
 def test_free_and_bounded_derivatives_agree_with_differences() -> None:

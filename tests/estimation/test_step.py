@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from softfuse.estimation.device import compliance, simulate
+from softfuse.estimation.limits import Limits
 from softfuse.estimation.nonlinear import nonlinear_estimate
-from softfuse.estimation.step import Limits, Observation, exact_steps
+from softfuse.estimation.step import Observation, exact_steps
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +131,7 @@ def test_two_contacts_at_once(device) -> None:
     places = jnp.array([[-17e-3, 0.0, 0.0], [15e-3, 4e-3, 0.0]])
     true = jnp.array([7.0, 3.0])
     limits = Limits(jnp.zeros(2), jnp.array([25.0, 25.0]), jnp.full(2, 1e-6))
-    change = eqx.filter_jit(lambda d: d.reading(simulate(d, places, true).state.z))(device)
+    change = eqx.filter_jit(lambda d: d.reading(simulate(d, places, true).state))(device)
     state, _ = eqx.filter_jit(
         lambda d, seen: exact_steps(d, limits, d.rest_state(seen.places), seen, steps=STEPS)
     )(device, _observation(change, places))

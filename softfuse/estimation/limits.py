@@ -1,0 +1,48 @@
+"""What an estimate may be: bounds of drives and of what answers them, and of how fast both may change."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+class Limits(eqx.Module):
+    """Bounds of D drives, and the regularisation of one step.
+
+    `lower`, `upper` (D,): of the drives u, equal where a drive is known; `regularisation` ε (D,) [1/drive²];
+    `strokes`: lower and upper (D,) of what answers the drives (`AbstractLoad.conjugate`), equal for a hard
+    equality such as a cable that is known to be 10 mm shorter, infinite for none; None where there is none at
+    all.
+    """
+
+    lower: Float[Array, " D"]
+    upper: Float[Array, " D"]
+    regularisation: Float[Array, " D"]
+    strokes: tuple[Float[Array, " D"], Float[Array, " D"]] | None = None
+
+
+class Rates(eqx.Module):
+    """How fast drives (D,) and what answers them (D,) may change [unit/s]; infinite for no limit."""
+
+    drive: Float[Array, " D"]
+    stroke: Float[Array, " D"]
+
+
+def within_rates(
+    limits: Limits,
+    rates: Rates,
+    drive: Float[Array, " D"],
+    stroke: Float[Array, " D"],
+    dt_s: Float[Array, ""],
+) -> Limits:
+    """The limits narrowed to what can be reached within `dt_s` [s] of drives and strokes (D,) now.
+
+    Where the bounds themselves cannot be reached in that time, the nearest reachable value is what is left.
+    """
+    lower, upper = _reachable(limits.lower, limits.upper, drive, rates.drive * dt_s)
+    endless = jnp.full(stroke.shape, jnp.inf)
+    low, high = (-endless, endless) if limits.strokes is None else limits.strokes
+    return Limits(lower, upper, limits.regularisation, _reachable(low, high, stroke, rates.stroke * dt_s))
+
+
+def _reachable(low: Array, high: Array, now: Array, span: Array) -> tuple[Array, Array]:
+    return jnp.clip(low, now - span, now + span), jnp.clip(high, now - span, now + span)
