@@ -38,7 +38,7 @@ class PulledCable(AbstractLoad):
 
         Raises MeshError for a guide outside the body.
         """
-        ports = PointPorts(MaterialPoints.embedded(body, guides))
+        ports = PointPorts.at(MaterialPoints.embedded(body, guides), body)
         return cls(ports, jnp.asarray(pulled_at, float), jnp.asarray(friction, float))
 
     @property

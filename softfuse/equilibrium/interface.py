@@ -1,9 +1,10 @@
 """The dense problem between a body and its loads: E(x, y, u) = 0 with y = y₀ + S f.
 
-x = (f, w) are the forces and internal unknowns of all loads, y₀ (P,) the ports' values of the body relaxed
-without them, S (P, Q) [y per f] its compliance. E is piecewise smooth: where a cell touches or lifts off, or
-a cable goes slack, a law changes branch. Newton's method on it is then the primal-dual active set method and
-ends after finitely many changes of branch (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13(3), 2002).
+x = (f, w) are the forces (f̃ of `HeldLoads`) and internal unknowns of all loads, y₀ (P,) the ports' values of
+the body relaxed without them, S (P, Q) [y per f] its compliance. E is piecewise smooth: where a cell touches
+or lifts off, or a cable goes slack, a law changes branch. Newton's method on it is then the primal-dual
+active set method and ends after finitely many changes of branch (Hintermüller, Ito and Kunisch, SIAM J.
+Optim. 13(3), 2002).
 """
 
 import equinox as eqx
@@ -11,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from softfuse.equilibrium.load import Loads
+from softfuse.equilibrium.load import HeldLoads
 
 _MAX_ITERATIONS = 60
 _TOLERANCE = 1e-10  # of the unknowns' size, or of their units where those are larger
@@ -26,7 +27,7 @@ class Slopes(eqx.Module):
 
 
 def slopes(
-    loads: Loads,
+    loads: HeldLoads,
     x: tuple[Float[Array, " Q"], Float[Array, " M"]],
     y: Float[Array, " P"],
     drive: Float[Array, " D"],
@@ -52,7 +53,7 @@ class Settled(eqx.Module):
 
 
 def settle(
-    loads: Loads,
+    loads: HeldLoads,
     free: Float[Array, " P"],
     compliance: Float[Array, "P Q"],
     drive: Float[Array, " D"],

@@ -1,5 +1,5 @@
 """A body and its loads, linearised at a state: K δz = G f − r, y = y(z) + Gᵀδz, and E(x, y, u) = 0 around
-forces and internal unknowns x that obey it.
+forces and internal unknowns x that obey it. K holds the springs of supported ports, f is f̃ (`HeldLoads`).
 """
 
 import equinox as eqx
@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from softfuse.body.body import Body, element_tangents, residual
 from softfuse.equilibrium.interface import Slopes, stiffness
 from softfuse.equilibrium.linear_solver import Solve
-from softfuse.equilibrium.load import Loads
+from softfuse.equilibrium.load import HeldLoads, Loads
 from softfuse.equilibrium.solution import State
 
 
@@ -25,21 +25,26 @@ def loaded_tangents(body: Body, loads: Loads, state: State) -> Float[Array, "e d
 
 
 def stiffness_action(body: Body, loads: Loads, state: State, directions: Float[Array, "n c"]) -> Array:
-    """The tangent stiffness at constant forces, applied to c directions (n, c) without forming it."""
+    """The tangent stiffness at constant forces, with the supports, applied to c directions (n, c) without
+    forming it.
+    """
 
     def balance(z):
         return residual(body, z) - loads.push(body, z, state.force)
 
     _, action = jax.linearize(balance, state.z)
-    return jax.vmap(action, 1, 1)(directions)
+    supported = loads.rows(body, state.z)[:, loads.carrying]
+    springs = supported @ (loads.supports[:, None] * (supported.T @ directions))
+    return jax.vmap(action, 1, 1)(directions) + springs
 
 
 class Linearised(eqx.Module):
-    """What the loads see of a body: its residual r (n,), rows G (n, P), the response K⁻¹G_f (n, Q) to a unit
-    of each force, the motion without forces −K⁻¹r (n,), and from these the ports' free values y₀ (P,) and
-    compliance S (P, Q).
+    """What the loads, `held`, see of a body: its residual r (n,), rows G (n, P), the response K⁻¹G_f (n, Q)
+    to a unit of each force, the motion without forces −K⁻¹r (n,), and from these the ports' free values y₀
+    (P,) and compliance S (P, Q).
     """
 
+    held: HeldLoads
     residual: Float[Array, " n"]
     rows: Float[Array, "n P"]
     response: Float[Array, "n Q"]
@@ -59,8 +64,9 @@ def linearise(body: Body, loads: Loads, inverse: Solve, z: Float[Array, " n"]) -
     left = residual(body, z)
     solved = inverse(jnp.concatenate([pushed, left[:, None]], axis=1))
     response, relaxed = solved[:, :-1], -solved[:, -1]
-    free = loads.values(body, z) + rows.T @ relaxed
-    return Linearised(left, rows, response, relaxed, free, rows.T @ response)
+    at = loads.values(body, z)
+    free = at + rows.T @ relaxed
+    return Linearised(HeldLoads(loads, at), left, rows, response, relaxed, free, rows.T @ response)
 
 
 class Coupled(eqx.Module):

@@ -34,7 +34,16 @@ class AbstractPorts(eqx.Module):
     def stiffen(
         self, body: Body, z: Float[Array, " n"], force: Float[Array, " q"], tangents: Float[Array, "e d d"]
     ) -> Float[Array, "e d d"]:
-        """The element tangents (e, d, d) minus Σ f ∂²y/∂z², f (q,) the forces of the first q ports."""
+        """The element tangents (e, d, d) minus Σ f ∂²y/∂z², f (q,) the forces of the first q ports, plus the
+        springs that support the ports.
+        """
+
+    @property
+    @abstractmethod
+    def supports(self) -> Float[Array, " p"]:
+        """Stiffness (p,) of springs that support the ports while the body is linearised, 0 for none: see
+        `HeldLoads`.
+        """
 
 
 class LinearPorts(AbstractPorts):
@@ -57,6 +66,11 @@ class LinearPorts(AbstractPorts):
         """The tangents as they are: linear ports have no second derivative."""
         del body, z, force
         return tangents
+
+    @property
+    def supports(self):
+        """No springs."""
+        return jnp.zeros_like(self.rest)
 
 
 class AbstractLoad(eqx.Module):
@@ -167,6 +181,11 @@ class Loads(eqx.Module):
         """Generalised nodal forces (n,) of the forces (Q,)."""
         return jax.vjp(lambda x: self.values(body, x)[self.carrying], z)[1](force)[0]
 
+    @property
+    def supports(self) -> Float[Array, " Q"]:
+        """Stiffness (Q,) of the springs that support those ports which carry a force."""
+        return jnp.concatenate([part.ports.supports for part in self.parts])[self.carrying]
+
     def stiffen(
         self, body: Body, z: Float[Array, " n"], force: Float[Array, " Q"], tangents: Float[Array, "e d d"]
     ) -> Float[Array, "e d d"]:
@@ -204,3 +223,33 @@ class Loads(eqx.Module):
             _cut([s.ports for s in sizes], y),
         )
         return list(zip(*cut, strict=True))
+
+
+class HeldLoads(eqx.Module):
+    """Loads as the linearised body meets them, its ports supported by springs.
+
+    A cable under tension can hold a body that would buckle by itself; the body's own tangent is then singular
+    although the equilibrium is not. So springs k are added to the tangent at such ports and taken off the
+    forces again: K + G k Gᵀ answers to f̃ = f + k (y − y_at), and the laws see f. That is exact for any k.
+    """
+
+    loads: Loads
+    at: Float[Array, " P"]
+
+    def force(self, held: Float[Array, " Q"], y: Float[Array, " P"]) -> Float[Array, " Q"]:
+        """The forces f (Q,) behind f̃ (Q,) at ports' values y (P,)."""
+        return held - self.loads.supports * (y - self.at)[self.loads.carrying]
+
+    def units(self) -> Float[Array, " QM"]:
+        """Those of the loads (Q + M,)."""
+        return self.loads.units()
+
+    def equations(
+        self,
+        held: Float[Array, " Q"],
+        internal: Float[Array, " M"],
+        y: Float[Array, " P"],
+        drive: Float[Array, " D"],
+    ) -> Float[Array, " QM"]:
+        """The laws (Q + M,) at f̃ (Q,)."""
+        return self.loads.equations(self.force(held, y), internal, y, drive)

@@ -17,7 +17,7 @@ from softfuse.body.body import Body, volume_ratios
 from softfuse.equilibrium.interface import settle, slopes, stiffness
 from softfuse.equilibrium.linear_solver import AbstractLinearSolver, Solve, tangent_inverse
 from softfuse.equilibrium.linearised import coupled, linearise, loaded_tangents, stiffness_action, unbalanced
-from softfuse.equilibrium.load import Loads
+from softfuse.equilibrium.load import HeldLoads, Loads
 from softfuse.equilibrium.solution import RESULTS, Solution, State, Stats
 
 _SMALLEST_DAMPING = 1 / 64
@@ -59,9 +59,11 @@ def _iterate(newton: Newton, body: Body, loads: Loads, at: _Iterate) -> _Iterate
         return solver.solve(factor, b)
 
     linear = linearise(body, loads, inverse, state.z)
-    settled = settle(loads, linear.free, linear.compliance, state.drive, (state.force, state.internal))
+    held = linear.held
+    settled = settle(held, linear.free, linear.compliance, state.drive, (state.force, state.internal))
     y = linear.free + linear.compliance @ settled.force
-    slope = slopes(loads, (settled.force, settled.internal), y, state.drive)
+    slope = slopes(held, (settled.force, settled.internal), y, state.drive)
+    force = held.force(settled.force, y)
     system = coupled(loads, linear, slope)
     step = linear.step(settled.force)
     moves = slice(0, body.n_displacements)
@@ -70,7 +72,7 @@ def _iterate(newton: Newton, body: Body, loads: Loads, at: _Iterate) -> _Iterate
     def moved(damping):
         return State(
             state.z + damping * step,
-            state.force + damping * (settled.force - state.force),
+            state.force + damping * (force - state.force),
             state.internal + damping * (settled.internal - state.internal),
             state.drive,
         )
@@ -165,31 +167,27 @@ def _equilibrium_jvp(primals, tangents):
     drive_dot = jnp.zeros_like(drive) if drive_dot is None else drive_dot
 
     def unsolved(body, loads):
-        """Balance, ports' values and laws at the solution's unknowns."""
-        y = loads.values(body, state.z)
-        return unbalanced(body, loads, state), y, loads.equations(*x, jax.lax.stop_gradient(y), state.drive)
+        """Balance and laws at the solution's unknowns."""
+        return unbalanced(body, loads, state), loads.equations(*x, loads.values(body, state.z), state.drive)
 
-    (_, y, _), (left_dot, y_dot, law_dot) = eqx.filter_jvp(unsolved, (body, loads), (body_dot, loads_dot))
+    _, (left_dot, law_dot) = eqx.filter_jvp(unsolved, (body, loads), (body_dot, loads_dot))
     # None: neither body nor loads are varied in what these depend on.
-    left_dot, y_dot, law_dot = (0.0 if dot is None else dot for dot in (left_dot, y_dot, law_dot))
+    left_dot, law_dot = (0.0 if dot is None else dot for dot in (left_dot, law_dot))
     inverse = tangent_at(newton.linear, body, loads, state)
     rows = loads.rows(body, state.z)
     response = inverse(rows[:, loads.carrying])
     relaxed = inverse(jnp.zeros((body.n, 1)) - jnp.reshape(left_dot, (-1, 1)))[:, 0]
-    slope = slopes(loads, x, y, state.drive)
-    right = law_dot + slope.y @ (y_dot + rows.T @ relaxed) + slope.drive @ drive_dot
+    y = loads.values(body, state.z)
+    slope = slopes(HeldLoads(loads, y), x, y, state.drive)
+    right = law_dot + slope.y @ (rows.T @ relaxed) + slope.drive @ drive_dot
     x_dot = -jnp.linalg.solve(stiffness(slope, rows.T @ response), right)
+    z_dot = relaxed + response @ x_dot[:q]
+    force_dot = x_dot[:q] - loads.supports * (rows[:, loads.carrying].T @ z_dot)
     none = jax.tree.map(lambda _: None, solution)
     tangent = eqx.tree_at(
         lambda s: (s.state.z, s.state.force, s.state.internal, s.state.drive, s.stats.residual),
         none,
-        (
-            relaxed + response @ x_dot[:q],
-            x_dot[:q],
-            x_dot[q:],
-            drive_dot,
-            jnp.zeros_like(solution.stats.residual),
-        ),
+        (z_dot, force_dot, x_dot[q:], drive_dot, jnp.zeros_like(solution.stats.residual)),
         is_leaf=lambda leaf: leaf is None,
     )
     return solution, tangent

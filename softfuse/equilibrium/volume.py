@@ -53,6 +53,11 @@ class VolumePorts(AbstractPorts):
             tangents = tangents.at[owners.element[:, None, None], row, column].add(-pressure * bend)
         return tangents
 
+    @property
+    def supports(self):
+        """No springs."""
+        return jnp.zeros(len(self.cavities))
+
 
 def _owners(faces: np.ndarray, body: Body) -> _Owners:
     tets = np.asarray(body.tets)

@@ -6,18 +6,20 @@ from jaxtyping import Array, Float
 
 
 class Limits(eqx.Module):
-    """Bounds of D drives, and the regularisation of one step.
+    """Bounds of D drives, and how a step is damped.
 
     `lower`, `upper` (D,): of the drives u, equal where a drive is known; `regularisation` ε (D,) [1/drive²];
     `strokes`: lower and upper (D,) of what answers the drives (`AbstractLoad.conjugate`), equal for a hard
     equality such as a cable that is known to be 10 mm shorter, infinite for none; None where there is none at
-    all.
+    all; `step` (D,): largest change of a drive in one step, by which the whole step is shortened; None for
+    any.
     """
 
     lower: Float[Array, " D"]
     upper: Float[Array, " D"]
     regularisation: Float[Array, " D"]
     strokes: tuple[Float[Array, " D"], Float[Array, " D"]] | None = None
+    step: Float[Array, " D"] | None = None
 
 
 class Rates(eqx.Module):
@@ -41,7 +43,8 @@ def within_rates(
     lower, upper = _reachable(limits.lower, limits.upper, drive, rates.drive * dt_s)
     endless = jnp.full(stroke.shape, jnp.inf)
     low, high = (-endless, endless) if limits.strokes is None else limits.strokes
-    return Limits(lower, upper, limits.regularisation, _reachable(low, high, stroke, rates.stroke * dt_s))
+    narrowed = _reachable(low, high, stroke, rates.stroke * dt_s)
+    return Limits(lower, upper, limits.regularisation, narrowed, limits.step)
 
 
 def _reachable(low: Array, high: Array, now: Array, span: Array) -> tuple[Array, Array]:

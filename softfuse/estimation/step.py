@@ -80,17 +80,18 @@ def advance(
     body, loads = device.body, device.loads(seen.places)
     moves = slice(0, body.n_displacements)
     linear = linearise(body, loads, inverse, state.z)
-    settled = settle(loads, linear.free, linear.compliance, state.drive, (state.force, state.internal))
+    held = linear.held
+    settled = settle(held, linear.free, linear.compliance, state.drive, (state.force, state.internal))
     x, q, drives = (settled.force, settled.internal), settled.force.shape[0], state.drive.shape[0]
     y = linear.free + linear.compliance @ settled.force
-    slope = slopes(loads, x, y, state.drive)
+    slope = slopes(held, x, y, state.drive)
     system = coupled(loads, linear, slope)
     pushed = system.pushed
     # First column: the correction at unchanged drives. Others: the sensitivity to each drive.
     at = State(state.z, settled.force, settled.internal, state.drive)
     unsettled = linear.residual - pushed @ settled.force
     load = jnp.zeros((body.n, 1 + drives)).at[:, 0].set(-unsettled)
-    missing = loads.equations(*x, y, state.drive) + slope.y @ (loads.values(body, state.z) - y)
+    missing = held.equations(*x, y, state.drive) + slope.y @ (held.at - y)
     law = -jnp.concatenate([missing[:, None], slope.drive], axis=1)
     dz, dx = system.respond(inverse, load, law)
     contraction = jnp.zeros(())
@@ -102,6 +103,7 @@ def advance(
                 jnp.linalg.norm(ddz[moves], axis=0) / (jnp.linalg.norm(dz[moves], axis=0) + 1e-12)
             )
         dz, dx = dz + ddz, dx + ddx
+    dx = dx.at[:q].add(-loads.supports[:, None] * (pushed.T @ dz))  # what the springs carried
     settled_at = _moved(at, dz[:, 0], dx[:, 0])
     along = jax.vmap(lambda z, x: State(z, x[:q], x[q:], jnp.zeros(drives)), 1)(dz[:, 1:], dx[:, 1:])
     value, read = jax.linearize(device.reading, settled_at)
@@ -116,6 +118,8 @@ def advance(
         rows = Rows(jax.vmap(turn, 0, 1)(along), *(bound - stroke for bound in limits.strokes))
     low, high = limits.lower - state.drive, limits.upper - state.drive
     change, kkt = solve_bounded_qp(hessian, b, low, high, rows)
+    if limits.step is not None:
+        change = change / jnp.maximum(1.0, jnp.max(jnp.abs(change) / limits.step))
     after = _moved(settled_at, dz[:, 1:] @ change, dx[:, 1:] @ change)
     after = eqx.tree_at(lambda s: s.drive, after, state.drive + change)
     report = StepReport(

@@ -42,8 +42,9 @@ def _local(corners_and_middles: Float[Array, "a 3"], point: Float[Array, "3"]) -
 
 
 class MaterialPoints(eqx.Module):
-    """g points at rest locations (g, 3) m, carried by the nodes (g, a) of their elements."""
+    """g points at rest locations (g, 3) m, carried by the nodes (g, a) of the elements (g,) they lie in."""
 
+    element: Int[Array, " g"]
     nodes: Int[Array, "g a"]
     location: Float[Array, "g 3"]
 
@@ -53,7 +54,7 @@ class MaterialPoints(eqx.Module):
         tets, rest = np.asarray(body.tets), np.asarray(body.rest)
         corner = rest[tets[:, :4]]
         edges = np.swapaxes(corner[:, 1:] - corner[:, :1], 1, 2)
-        nodes = []
+        found = []
         for k, point in enumerate(np.asarray(points, float).reshape(-1, 3)):
             flat = np.linalg.solve(edges, (point - corner[:, 0])[..., None])[..., 0]
             inside = np.minimum(flat.min(axis=1), 1 - flat.sum(axis=1))
@@ -67,8 +68,10 @@ class MaterialPoints(eqx.Module):
                     f"point {k} at ({', '.join(f'{1e3 * c:g}' for c in point)}) mm lies outside the body: "
                     "move it into the material"
                 )
-            nodes.append(tets[near[best]])
-        return cls(jnp.asarray(np.array(nodes)), jnp.asarray(points, float).reshape(-1, 3))
+            found.append(near[best])
+        element = np.array(found, int)
+        location = jnp.asarray(points, float).reshape(-1, 3)
+        return cls(jnp.asarray(element), jnp.asarray(tets[element]), location)
 
     def shape(self, rest: Float[Array, "k 3"]) -> Float[Array, "g a"]:
         """Shape-function values (g, a) [-] on rest nodes (k, 3) m."""

@@ -1,0 +1,156 @@
+"""The same step with targets instead of readings: which cable brings the tip there, within what it can do.
+
+A beam with one cable along its lower side and another along its left one; sensors are the tip's coordinates.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.body import LINEAR, Body, mesh_for
+from softfuse.equilibrium import RESULTS
+from softfuse.equilibrium.cable import PulledCable
+from softfuse.equilibrium.dense import Dense
+from softfuse.equilibrium.patch import PatchContact
+from softfuse.estimation.device import Device, simulate
+from softfuse.estimation.limits import Limits, Rates, within_rates
+from softfuse.estimation.step import Observation, exact_steps, strokes
+from softfuse.functional import Marker, uniform
+from softfuse.material import NeoHookean
+from softfuse.mesh.kuhn import kuhn_grid
+from softfuse.mesh.orientation import oriented
+from softfuse.mesh.surface import boundary_faces
+from softfuse.mesh.tetmesh import tet_mesh
+
+LENGTH, SIDE = 0.06, 0.012
+ALONG = (0.012, 0.027, 0.041, 0.055)
+NOWHERE = jnp.zeros(0, int)
+STEPS = 20
+
+
+class Robot(NamedTuple):
+    device: Device
+    free: Limits
+
+
+@pytest.fixture(scope="module")
+def robot() -> Robot:
+    planes = (np.linspace(0, LENGTH, 11), np.linspace(0, SIDE, 3), np.linspace(0, SIDE, 3))
+    grid = kuhn_grid(planes, np.ones((10, 2, 2), bool), (0, 0, 0))
+    mesh = mesh_for(LINEAR, oriented(tet_mesh(grid.nodes, grid.tets)))
+    body = Body.from_mesh(mesh, [NeoHookean.from_young(3e5, 0.3)], mesh.nodes[:, 0] == 0.0, element=LINEAR)
+    below = PulledCable.through(
+        body, np.array([[x, 0.005, 0.002] for x in ALONG]), np.array([0, 0.005, 0.002])
+    )
+    left = PulledCable.through(
+        body, np.array([[x, 0.010, 0.006] for x in ALONG]), np.array([0, 0.010, 0.006])
+    )
+    tip = int(np.argmin(np.linalg.norm(mesh.nodes - [LENGTH, SIDE, SIDE], axis=1)))
+    sensors = tuple(Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
+    sides = np.array([[0.045, SIDE, 0.006], [0.045, 0.006, SIDE]])
+    inwards = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
+    contact = PatchContact.on(boundary_faces(mesh).faces, sides, inwards, uniform(rings=3, angles=8), 0.003)
+    device = Device(body, sensors, contact, Dense.plan(body), (below, left), gauges=(0, 1))
+    # A trace of regularisation keeps the cables that no target needs at rest.
+    return Robot(device, Limits(jnp.zeros(2), jnp.full(2, 20.0), jnp.full(2, 1e-9), step=jnp.full(2, 0.2)))
+
+
+@pytest.fixture(scope="module")
+def reached():
+    """reached(device, limits, target, weight): state and report, compiled once for each kind of limits."""
+
+    @eqx.filter_jit
+    def go(device, limits, reading, weight):
+        seen = Observation(reading, weight, NOWHERE)
+        return exact_steps(device, limits, device.rest_state(NOWHERE), seen, steps=STEPS)
+
+    return go
+
+
+def _forward(device: Device, tensions) -> jnp.ndarray:
+    found = simulate(device, NOWHERE, jnp.asarray(tensions))
+    assert found.result == RESULTS.converged
+    return device.reading(found.state)
+
+
+TIP_ONLY = jnp.array([1e3, 1e3, 1e3, 0.0, 0.0])
+
+
+def test_the_cables_bring_the_tip_where_it_was_seen(robot: Robot, reached) -> None:
+    true = jnp.array([1.2, 0.5])
+    target = _forward(robot.device, true)
+    assert float(jnp.linalg.norm(target[:3])) > 5e-3
+    state, report = reached(robot.device, robot.free, target, TIP_ONLY)
+    np.testing.assert_allclose(state.drive, true, rtol=1e-6)
+    assert float(jnp.max(jnp.abs(report.misfit[:3]))) < 1e-9
+
+
+def test_an_unreachable_target_is_told_by_what_is_missing(robot: Robot, reached) -> None:
+    """Cables cannot push: upwards and outwards the tip stays where it is, 8 and 3 mm short."""
+    state, report = reached(robot.device, robot.free, jnp.array([0.0, 3e-3, 8e-3, 0, 0]), TIP_ONLY)
+    np.testing.assert_allclose(state.drive[0], 0.0, atol=1e-9)
+    assert float(report.kkt) < 1e-9
+    assert float(jnp.linalg.norm(report.misfit[:3])) > 7e-3
+
+
+def test_a_cable_of_known_length_is_an_equality(robot: Robot, reached) -> None:
+    """The cable below is 4 mm shorter whatever the target says; the other one does what it can."""
+    endless = jnp.full(2, jnp.inf)
+    known = (jnp.array([4e-3, -jnp.inf]), jnp.array([4e-3, jnp.inf]))
+    limits = replace(robot.free, strokes=known)
+    state, report = reached(robot.device, limits, jnp.array([0, -4e-3, 0, 0, 0.0]), TIP_ONLY)
+    answer = robot.device.answers(state)
+    np.testing.assert_allclose(answer[0], 4e-3, rtol=0, atol=1e-11)
+    assert float(report.kkt) < 1e-9
+    assert float(state.drive[0]) > 0.1
+    unbound = replace(robot.free, strokes=(-endless, endless))
+    same, _ = reached(robot.device, unbound, _forward(robot.device, [0.7, 0.1]), TIP_ONLY)
+    np.testing.assert_allclose(same.drive, [0.7, 0.1], rtol=1e-6)
+
+
+def test_lengths_and_positions_weigh_against_each_other(robot: Robot, reached) -> None:
+    """A length that contradicts the tip pulls the estimate towards it as its weight says."""
+    reading = _forward(robot.device, [1.2, 0.0])
+    wrong = reading.at[3].add(-1e-3)
+    shortened = []
+    for weight in (0.0, 1e3, 1e6):
+        weights = TIP_ONLY.at[3].set(weight)
+        state, _ = reached(robot.device, robot.free, wrong, weights)
+        shortened.append(float(robot.device.answers(state)[0]))
+    np.testing.assert_allclose(shortened[0], reading[3], rtol=1e-5)
+    np.testing.assert_allclose(shortened[2], wrong[3], rtol=1e-5)
+    assert shortened[2] < shortened[1] < shortened[0]
+
+
+def test_rates_let_a_cable_only_follow_slowly(robot: Robot, reached) -> None:
+    device = robot.device
+    target = _forward(device, [1.2, 0.5])
+    rest = device.rest_state(NOWHERE)
+    stroke = strokes(device, device.loads(NOWHERE), rest)
+    rates = Rates(jnp.array([10.0, jnp.inf]), jnp.array([jnp.inf, 0.025]))
+    limits = within_rates(robot.free, rates, rest.drive, stroke, jnp.array(0.02))
+    state, report = reached(device, limits, target, TIP_ONLY)
+    np.testing.assert_allclose(state.drive[0], 0.2, atol=1e-9)
+    np.testing.assert_allclose(device.answers(state)[1], 5e-4, atol=1e-9)
+    assert float(report.kkt) < 1e-8
+
+
+def test_pushes_on_two_sides_are_told_apart(robot: Robot) -> None:
+    """Two contacts along the surface's current normals, and no cable: the tip's three coordinates tell both."""
+    device, places = robot.device, jnp.array([0, 1])
+    true = jnp.array([0.25, 0.15, 0.0, 0.0])
+    limits = Limits(jnp.zeros(4), jnp.array([5.0, 5.0, 0.0, 0.0]), jnp.full(4, 1e-9), step=jnp.full(4, 0.05))
+
+    @eqx.filter_jit
+    def found(device):
+        seen = device.reading(simulate(device, places, true).state)
+        observation = Observation(seen, jnp.array([1e4, 1e4, 1e4, 0.0, 0.0]), places)
+        return seen, exact_steps(device, limits, device.rest_state(places), observation, steps=STEPS)[0]
+
+    seen, state = found(device)
+    assert float(jnp.linalg.norm(seen[:3])) > 5e-3
+    np.testing.assert_allclose(state.drive, true, rtol=1e-5, atol=1e-9)
