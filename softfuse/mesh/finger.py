@@ -1,0 +1,131 @@
+"""The soft finger: a beam with thinner necks that hold closed box-shaped cavities.
+
+x runs from the clamped base (0) to the tip (size[0]), y across (centred; + is left, seen from the base with
+the back up), z from the palm (0) to the back (size[2]). A neck is what a notch of the full width leaves of
+the beam at its back: a cable along the palm runs free through the notch.
+
+How much a cavity's volume changes depends most on the stress around its edges, where it is singular. So the
+mesh (see `block`) has no edge longer than
+
+    h = wall_size + growth · d
+
+with d the distance of the tetrahedron's nearest corner from the edges of the cavities. The mesh has the
+mirror symmetry of the finger in y = 0 and starts, where the necks are alike and evenly spaced, from the same
+grid around each of them.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from softfuse.errors import MeshError
+from softfuse.mesh.block import Block, block_mesh, centred_boxes, edge_distance
+from softfuse.mesh.tetmesh import TetMesh
+
+_SAME = 1e-9
+"""Length over the finger's own below which nothing is left between two necks or between a neck and an end."""
+
+
+@dataclass(frozen=True)
+class FingerGeometry:
+    """Beam size (3,) m; middles (n,) m along x, length and height in m of its necks; cavities.
+
+    A neck reaches from the back down to neck_height below it; with the height of the finger there is no
+    notch. The cavities have the size (3,) m and the centres (k, 3) m.
+    """
+
+    size: tuple[float, float, float]
+    neck_x: tuple[float, ...]
+    neck_length: float
+    neck_height: float
+    cavity_size: tuple[float, float, float]
+    cavity_centres: tuple[tuple[float, float, float], ...]
+
+    def centres(self) -> Float[np.ndarray, "k 3"]:
+        """Centres (k, 3) in m of the cavities, in the order of the config."""
+        return np.array(self.cavity_centres, float).reshape(-1, 3)
+
+    def notches(self) -> Float[np.ndarray, "n 2 3"]:
+        """Lowest and highest corners (n, 2, 3) in m of the notches; n = 0 when the necks are as high as the
+        finger.
+        """
+        depth = self.size[2] - self.neck_height
+        if depth <= _SAME * self.size[2]:
+            return np.empty((0, 2, 3))
+        centres = np.array([(x, 0.0, 0.5 * depth) for x in self.neck_x])
+        return centred_boxes(centres, (self.neck_length, self.size[1], depth))
+
+    def block(self) -> Block:
+        """The beam with its cavities and notches, planes of the grid in the middle of all that is alike."""
+        x, y, z = self.size
+        necks = np.sort(self.neck_x)
+        middles = 0.5 * (necks[1:] + necks[:-1])
+        return Block(
+            low=np.array([0.0, -0.5 * y, 0.0]),
+            high=np.array([x, 0.5 * y, z]),
+            cavities=centred_boxes(self.centres(), self.cavity_size),
+            notches=self.notches(),
+            planes=((*necks.tolist(), *middles.tolist()), (0.0,), (z,)),
+        )
+
+    def volume(self) -> float:
+        """Volume of the material in m³."""
+        return self.block().volume()
+
+
+def finger_mesh(
+    geometry: FingerGeometry, wall_size: float, base_size: float, *, growth: float = 2.0
+) -> TetMesh:
+    """Linear tetrahedra of the finger, edges around the cavities at most wall_size m long.
+
+    The tetrahedra come from grid boxes of at most base_size m; their longest edge gains growth metres per
+    metre of distance from the cavities' edges. Raises MeshError when a length is not positive, necks meet or
+    reach an end, a cavity reaches the surface, a notch or another cavity, or faces lie too near to each
+    other.
+    """
+    if wall_size <= 0.0 or growth < 0.0:
+        raise MeshError("wall_size must be positive, growth not negative")
+    farthest = float(np.linalg.norm(geometry.size))
+    cavities = centred_boxes(geometry.centres(), geometry.cavity_size)
+
+    def longest(corners: np.ndarray) -> np.ndarray:
+        distance = edge_distance(cavities, corners).min(axis=1)
+        return wall_size + growth * np.minimum(distance, farthest)
+
+    return sized_finger_mesh(geometry, base_size, longest)
+
+
+def sized_finger_mesh(
+    geometry: FingerGeometry, base_size: float, longest: Callable[[np.ndarray], np.ndarray]
+) -> TetMesh:
+    """Linear tetrahedra of the finger whose edges are at most `longest(corners (m, 4, 3) m)` (m,) in m.
+
+    For refinement around a known contact; otherwise, and for the errors raised, see `finger_mesh`.
+    """
+    _check(geometry)
+    return block_mesh(geometry.block(), base_size, longest)
+
+
+def _check(geometry: FingerGeometry) -> None:
+    lengths = (*geometry.size, *geometry.cavity_size, geometry.neck_length, geometry.neck_height)
+    if min(lengths) <= 0.0:
+        raise MeshError("size, cavity_size, neck_length and neck_height must be positive")
+    length, height = geometry.size[0], geometry.size[2]
+    if geometry.neck_height > height * (1.0 + _SAME):
+        raise MeshError(
+            f"the necks are {1e3 * geometry.neck_height:.4g} mm high, the finger {1e3 * height:.4g} mm: "
+            "lower neck_height; the height of the finger leaves no notch"
+        )
+    if not geometry.neck_x:
+        raise MeshError("the finger has no neck: give the middle of at least one in neck_x")
+    gap = _SAME * length
+    for k, x in enumerate(geometry.neck_x):
+        if min(x, length - x) <= 0.5 * geometry.neck_length + gap:
+            raise MeshError(
+                f"neck {k} at x = {1e3 * x:.4g} mm reaches an end of the finger: shorten or move it"
+            )
+        for j in range(k):
+            if abs(x - geometry.neck_x[j]) <= geometry.neck_length + gap:
+                raise MeshError(f"necks {j} and {k} leave no segment between them: shorten or move them")
