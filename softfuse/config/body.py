@@ -1,5 +1,7 @@
 """The body: where its mesh comes from, what it is made of, where it is held."""
 
+from abc import abstractmethod
+from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 
 from annotated_types import Ge, Gt, Lt
@@ -7,13 +9,32 @@ from pydantic import Field, model_validator
 
 from softfuse.config.material import Material
 from softfuse.config.quantity import Acceleration, Length, LengthUnit, Number, PositiveLength, wrong_value
-from softfuse.config.settings import ExistingFile, NotEmpty, Settings, Span
+from softfuse.config.settings import ExistingFile, NotEmpty, Settings, Span, Vector
+from softfuse.mesh.files import read_mesh, read_surface
+from softfuse.mesh.finger import FingerGeometry, finger_mesh
+from softfuse.mesh.pad import PadGeometry, pad_mesh
+from softfuse.mesh.tetmesh import TetMesh
+from softfuse.mesh.tetrahedralise import tetrahedralise
 
 Size = tuple[PositiveLength, PositiveLength, PositiveLength]
 """Extents along x, y, z in m."""
 
 
-class PadSource(Settings):
+class BodySource(Settings):
+    """Where the mesh of a body comes from."""
+
+    @abstractmethod
+    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+        """The mesh, linear or not, of the body with cavities at these centres (k, 3) m.
+
+        Raises MeshError when there is no such mesh.
+        """
+
+    def check_cavities(self, centres: Sequence[Vector]) -> None:
+        """Raise the error of a validator when [[cavity]] asks for centres (k, 3) m that can never be."""
+
+
+class PadSource(BodySource):
     """A block with equal box-shaped cavities; z from 0 at its bottom, x and y centred (softfuse/mesh/pad.py).
 
     size, cavity_size: (3,) m. The cavities stand where [[cavity]] says, all at the same height. Lengths of
@@ -29,8 +50,61 @@ class PadSource(Settings):
     growth: Annotated[Number, Ge(0)] = 1.0
     fine_depth: Annotated[Length, Ge(0)] = 0.0
 
+    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+        """The pad with cavities at the centres (k, 3) m; see `pad_mesh` for the errors."""
+        geometry = PadGeometry(
+            size=self.size,
+            cavity_size=self.cavity_size,
+            cavity_centres=tuple(centre[:2] for centre in cavity_centres),
+            cavity_z_bottom=cavity_centres[0][2] - 0.5 * self.cavity_size[2],
+        )
+        return pad_mesh(
+            geometry, self.surface_size, self.base_size, growth=self.growth, fine_depth=self.fine_depth
+        )
 
-class SurfaceSource(Settings):
+    def check_cavities(self, centres: Sequence[Vector]) -> None:
+        """A pad has a cavity, and all at one height."""
+        if not centres:
+            raise wrong_value("a pad has at least one: add [[cavity]] with name and centre", key="cavity")
+        for k, centre in enumerate(centres):
+            if abs(centre[2] - centres[0][2]) > 1e-9:
+                raise wrong_value("the cavities of a pad are all at one height", key=f"cavity[{k}].centre[2]")
+
+
+class FingerSource(BodySource):
+    """A beam with necks and equal box-shaped cavities (softfuse/mesh/finger.py).
+
+    x from the clamped base (0) to the tip, y centred, z from the palm (0) to the back. size, cavity_size:
+    (3,) m; neck_x: middles (n,) m of the necks along x; a neck is neck_length m long and reaches from the
+    back down to neck_height m below it. The cavities stand where [[cavity]] says. Lengths of the mesh's
+    edges: at most wall_size m around the cavities, growing by growth m per m from there; the grid under it
+    has boxes of at most base_size m.
+    """
+
+    type: Literal["finger"]
+    size: Size
+    neck_x: Annotated[tuple[PositiveLength, ...], NotEmpty]
+    neck_length: PositiveLength
+    neck_height: PositiveLength
+    cavity_size: Size
+    wall_size: PositiveLength
+    base_size: PositiveLength
+    growth: Annotated[Number, Ge(0)] = 2.0
+
+    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+        """The finger with cavities at the centres (k, 3) m; see `finger_mesh` for the errors."""
+        geometry = FingerGeometry(
+            size=self.size,
+            neck_x=self.neck_x,
+            neck_length=self.neck_length,
+            neck_height=self.neck_height,
+            cavity_size=self.cavity_size,
+            cavity_centres=tuple(cavity_centres),
+        )
+        return finger_mesh(geometry, self.wall_size, self.base_size, growth=self.growth)
+
+
+class SurfaceSource(BodySource):
     """A closed surface (STL, OBJ, PLY, OFF) filled with tetrahedra; closed surfaces inside it are cavities.
 
     unit: the file's unit of length; edge_length: of the tetrahedra, m; inserts: closed surfaces in the same
@@ -45,16 +119,26 @@ class SurfaceSource(Settings):
     inserts: tuple[ExistingFile, ...] = ()
     envelope: Annotated[Number, Gt(0), Lt(1)] = 1e-3
 
+    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+        """The surface filled, with the cavities that it has; see `tetrahedralise` for the errors."""
+        inserts = [read_surface(path, scale=self.unit) for path in self.inserts]
+        shell = read_surface(self.file, scale=self.unit)
+        return tetrahedralise(shell, self.edge_length, inserts=inserts, envelope=self.envelope)
 
-class MeshSource(Settings):
+
+class MeshSource(BodySource):
     """A tetrahedral mesh in any format that meshio reads; unit: the file's unit of length."""
 
     type: Literal["mesh"]
     file: ExistingFile
     unit: LengthUnit
 
+    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+        """The mesh in the file, with the cavities that it has; see `read_mesh` for the errors."""
+        return read_mesh(self.file, scale=self.unit)
 
-Source = Annotated[PadSource | SurfaceSource | MeshSource, Field(discriminator="type")]
+
+Source = Annotated[PadSource | FingerSource | SurfaceSource | MeshSource, Field(discriminator="type")]
 
 
 class FixedSettings(Settings):

@@ -7,14 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool
 
-from softfuse.config.body import FixedSettings, MeshSource, PadSource, SurfaceSource
+from softfuse.config.body import FixedSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.errors import ConfigError, MeshError
-from softfuse.mesh.files import read_mesh, read_surface
-from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import Surface, cavities
 from softfuse.mesh.tetmesh import TetMesh, linear, quadratic, tet_mesh
-from softfuse.mesh.tetrahedralise import tetrahedralise
 
 _TOUCH = 1e-6
 """Distance over the extent of the body up to which a node lies within the ranges of [body.fixed]."""
@@ -38,46 +35,14 @@ def build_mesh(config: DeviceConfig) -> DeviceMesh:
     Raises ConfigError with the key's path when the source gives no valid mesh, it has another number of
     cavities or of regions than the configuration, or no node is fixed.
     """
+    centres = [cavity.centre for cavity in config.cavities]
     with _told(config, "body.source"):
-        mesh = _source_mesh(config)
+        mesh = config.body.source.mesh(centres)
     mesh = linear(mesh) if config.body.element == "linear" else quadratic(mesh)
-    centres = np.array([cavity.centre for cavity in config.cavities]).reshape(-1, 3)
     with _told(config, "cavity"):
-        found = cavities(mesh, centres)
+        found = cavities(mesh, np.array(centres).reshape(-1, 3))
     mesh = _with_numbered_regions(config, mesh)
     return DeviceMesh(mesh, tuple(found), _fixed_nodes(config, mesh))
-
-
-def pad_geometry(config: DeviceConfig) -> PadGeometry:
-    """The pad of a configuration; raises ConfigError when its body comes from a file."""
-    source = config.body.source
-    if not isinstance(source, PadSource):
-        raise ConfigError(f'{config.path}: body.source.type: "{source.type}" is no pad: set it to "pad"')
-    return PadGeometry(
-        size=source.size,
-        cavity_size=source.cavity_size,
-        cavity_centres=tuple(cavity.centre[:2] for cavity in config.cavities),
-        cavity_z_bottom=config.cavities[0].centre[2] - 0.5 * source.cavity_size[2],
-    )
-
-
-def _source_mesh(config: DeviceConfig) -> TetMesh:
-    source = config.body.source
-    match source:
-        case PadSource():
-            return pad_mesh(
-                pad_geometry(config),
-                source.surface_size,
-                source.base_size,
-                growth=source.growth,
-                fine_depth=source.fine_depth,
-            )
-        case SurfaceSource():
-            inserts = [read_surface(path, scale=source.unit) for path in source.inserts]
-            shell = read_surface(source.file, scale=source.unit)
-            return tetrahedralise(shell, source.edge_length, inserts=inserts, envelope=source.envelope)
-        case MeshSource():
-            return read_mesh(source.file, scale=source.unit)
 
 
 def _with_numbered_regions(config: DeviceConfig, mesh: TetMesh) -> TetMesh:

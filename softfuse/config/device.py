@@ -6,7 +6,7 @@ from typing import Annotated, Any, Self
 from annotated_types import Ge
 from pydantic import Field, PrivateAttr, model_validator
 
-from softfuse.config.body import BodySettings, PadSource
+from softfuse.config.body import BodySettings
 from softfuse.config.contact import ContactSettings
 from softfuse.config.quantity import Number, PositiveInteger, PositiveNumber, wrong_value
 from softfuse.config.sensors import SensorSettings
@@ -74,12 +74,5 @@ class DeviceConfig(Settings):
                 f"{given} flow sensors for {count} cavities: name one column for each",
                 key="sensors.flow.channels",
             )
-        if isinstance(self.body.source, PadSource):
-            if count == 0:
-                raise wrong_value("a pad has at least one: add [[cavity]] with name and centre", key="cavity")
-            for k, cavity in enumerate(self.cavities):
-                if abs(cavity.centre[2] - self.cavities[0].centre[2]) > 1e-9:
-                    raise wrong_value(
-                        "the cavities of a pad are all at one height", key=f"cavity[{k}].centre[2]"
-                    )
+        self.body.source.check_cavities([cavity.centre for cavity in self.cavities])
         return self

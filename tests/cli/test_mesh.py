@@ -10,7 +10,8 @@ from softfuse.config import load
 from softfuse.config.build_mesh import build_mesh
 from softfuse.mesh.files import read_mesh
 
-PAD = Path(__file__).parents[2] / "configs" / "pad.toml"
+CONFIGS = Path(__file__).parents[2] / "configs"
+PAD, FINGER = CONFIGS / "pad.toml", CONFIGS / "finger.toml"
 
 
 def code_of(*arguments: str | Path) -> int | str | None:
@@ -20,10 +21,10 @@ def code_of(*arguments: str | Path) -> int | str | None:
     return caught.value.code
 
 
-@pytest.mark.parametrize("name", ["pad.vtu", "pad.msh"])
-def test_the_file_holds_the_mesh_of_the_config(tmp_path: Path, name: str) -> None:
-    assert code_of(PAD, "--out", tmp_path / name) == 0
-    expected = build_mesh(load(PAD)).mesh
+@pytest.mark.parametrize(("config", "name"), [(PAD, "pad.vtu"), (PAD, "pad.msh"), (FINGER, "finger.vtu")])
+def test_the_file_holds_the_mesh_of_the_config(tmp_path: Path, config: Path, name: str) -> None:
+    assert code_of(config, "--out", tmp_path / name) == 0
+    expected = build_mesh(load(config)).mesh
     found = read_mesh(tmp_path / name)
     np.testing.assert_array_equal(found.nodes, expected.nodes)
     np.testing.assert_array_equal(found.tets, expected.tets)

@@ -10,7 +10,7 @@ import pytest
 
 from softfuse.config import load
 from softfuse.config.build_material import build_materials
-from softfuse.config.build_mesh import build_mesh, pad_geometry
+from softfuse.config.build_mesh import build_mesh
 from softfuse.config.build_sensors import (
     build_sensors,
     contact_peak,
@@ -107,8 +107,6 @@ def test_a_mesh_from_a_file_is_the_same_body(write: Write, tmp_path: Path, pad_t
     np.testing.assert_allclose(device.mesh.nodes, pad.nodes, atol=1e-15)
     np.testing.assert_array_equal(device.mesh.region, 0)
     assert len(device.cavities) == 4
-    with pytest.raises(ConfigError, match='body.source.type: "mesh" is no pad'):
-        pad_geometry(config)
 
 
 def test_regions_without_a_material_are_told(write: Write, tmp_path: Path, pad_text: str) -> None:
