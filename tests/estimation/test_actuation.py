@@ -140,7 +140,7 @@ def test_rates_let_a_cable_only_follow_slowly(robot: Robot, reached) -> None:
 
 
 def test_pushes_on_two_sides_are_told_apart(robot: Robot) -> None:
-    """Two contacts along the surface's current normals, and no cable: the tip's three coordinates tell both."""
+    """Two contacts along the current normals and no cable: the tip's coordinates tell both."""
     device, places = robot.device, jnp.array([0, 1])
     true = jnp.array([0.25, 0.15, 0.0, 0.0])
     limits = Limits(jnp.zeros(4), jnp.array([5.0, 5.0, 0.0, 0.0]), jnp.full(4, 1e-9), step=jnp.full(4, 0.05))
