@@ -11,10 +11,11 @@ from softfuse.calibration.stiffness import fit_stiffness
 from softfuse.cli.recorded import sample_frames, samples_at, sensor_columns, sensor_frames
 from softfuse.cli.terminal import Quiet, busy, stdout, tracked
 from softfuse.config import load, save_edited, stiffness_edits
-from softfuse.config.build_device import build_device, build_tracker
+from softfuse.config.build_device import build_device
+from softfuse.config.build_tracker import build_tracker
 from softfuse.errors import RecordingError, SoftfuseError
-from softfuse.estimation.tracker import Status
 from softfuse.hardware.recording import Recording, read_recording
+from softfuse.sensing.status import Status
 
 
 def calibrate(

@@ -12,12 +12,14 @@ from softfuse.cli.recorded import sensor_columns, sensor_frames
 from softfuse.cli.recording_report import Estimated, Peaks, summary, write_report
 from softfuse.cli.terminal import Quiet, busy, stdout, tracked
 from softfuse.config import load
-from softfuse.config.build_device import build_device, build_tracker
+from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
+from softfuse.config.build_tracker import build_tracker
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.tracker import Status, Tracked
+from softfuse.estimation.tracker import Tracked
 from softfuse.hardware.recording import Recording, read_recording
 from softfuse.mesh.files import write_mesh
+from softfuse.sensing.status import Status
 
 
 def estimate(
@@ -41,7 +43,7 @@ def estimate(
         tracked(sensor_frames(settings, frames), "estimating", total=len(frames.time_s), quiet=quiet)
     ):
         now = tracker.update(frame)
-        peaks.see(i, now, tracker.z)
+        peaks.see(i, now, tracker.state.z)
         found.append(now)
     estimated = Estimated(settings, device, mesh, frames, found, peaks.kept)
     write_estimates(out / "estimates.csv", frames, found)
@@ -66,7 +68,7 @@ def make_folder(folder: Path) -> None:
 
 def write_estimates(path: Path, recording: Recording, found: list[Tracked]) -> None:
     """One row a frame in mm, N, mm³ and ms; unknown numbers are empty fields."""
-    cavities = len(found[0].volume_change_m3) if found else 0
+    cavities = len(found[0].reading) if found else 0
     head = ["time_s", "contacts", "x_mm", "y_mm", "force_N", *(f"dV{k}_mm3" for k in range(cavities))]
     with path.open("w", newline="") as stream:
         writer = csv.writer(stream)
@@ -77,10 +79,10 @@ def write_estimates(path: Path, recording: Recording, found: list[Tracked]) -> N
                 [
                     _number(row.time_s, 4),
                     row.contacts,
-                    *(_number(1e3 * x, 3) for x in row.location_m),
+                    *(_number(1e3 * x, 3) for x in row.centre_m[:2]),
                     _number(row.force_N, 4),
-                    *(_number(1e9 * v, 3) for v in row.volume_change_m3),
-                    _number(1e9 * row.residual_m3, 3),
+                    *(_number(1e9 * v, 3) for v in row.reading),
+                    _number(1e9 * row.residual, 3),
                     _number(1e3 * row.latency_s, 2),
                     "; ".join([*(["malformed row"] if malformed else []), *statuses]),
                 ]

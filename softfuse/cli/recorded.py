@@ -28,8 +28,8 @@ def sensor_frames(config: DeviceConfig, recording: Recording) -> list[Frame]:
     assert config.sensors is not None  # sensor_columns has told
     array = config.sensors.capacitive
     channels = (config.sensors.flow.channels, array.row_channels, array.column_channels)
-    flow, rows, columns = (recording.matrix(names) for names in channels)
-    return [Frame(*readings) for readings in zip(recording.time_s, flow, rows, columns, strict=True)]
+    groups = zip(*(recording.matrix(names) for names in channels), strict=True)
+    return [Frame(at, readings) for at, readings in zip(recording.time_s, groups, strict=True)]
 
 
 def sample_frames(recording: Recording) -> Int[np.ndarray, " s"]:
@@ -46,7 +46,7 @@ def samples_at(recording: Recording, found: Sequence[Tracked], at: Int[np.ndarra
     columns = recording.columns
     return Samples(
         level=columns["sample"][at].astype(int),
-        location_m=np.array([found[i].location_m for i in at]).reshape(-1, 2),
+        location_m=np.array([found[i].centre_m[:2] for i in at]).reshape(-1, 2),
         force_N=np.array([found[i].force_N for i in at]),
         true_location_m=1e-3 * np.stack([columns["true_x_mm"], columns["true_y_mm"]], axis=1)[at],
         true_force_N=columns["true_force_N"][at],

@@ -154,8 +154,8 @@ def _over_time(estimated: Estimated) -> str:
     time = np.array([row.time_s for row in found])
     force = np.array([row.force_N for row in found])
     true = estimated.recording.columns.get("true_force_N")
-    measured = 1e9 * np.array([row.volume_change_m3 for row in found])
-    misfit = 1e9 * np.array([row.misfit_m3 for row in found])
+    measured = 1e9 * np.array([row.reading for row in found])
+    misfit = 1e9 * np.array([row.misfit for row in found])
     names = [cavity.name for cavity in estimated.config.cavities]
     return picture(figures.force_over_time(time, force, true), "Normal force.") + picture(
         figures.volumes_over_time(
@@ -171,7 +171,7 @@ def _places(estimated: Estimated, samples: Samples | None) -> str:
         corners = 1e3 * estimated.mesh.mesh.nodes[np.unique(surface.faces[:, :3]), :2]
         (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
         outlines.append(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
-    places = 1e3 * np.array([row.location_m for row in estimated.found]).reshape(-1, 2)
+    places = 1e3 * np.array([row.centre_m[:2] for row in estimated.found]).reshape(-1, 2)
     return picture(figures.location_map(places, samples, outlines), "Contacts from above, over the cavities.")
 
 
@@ -183,10 +183,10 @@ def _shape(estimated: Estimated) -> str:
     displacement = np.asarray(estimated.device.body.displacement(peak.z))
     faces = outer_surface(mesh).faces
     flat = faces[:, :3] if faces.shape[1] == 3 else _split(faces)
-    x, y = 1e3 * row.location_m
+    x, y = 1e3 * row.centre_m[:2]
     array = estimated.config.sensors.capacitive
     lines = (1e3 * np.array(array.column_x), 1e3 * np.array(array.row_y))
-    image = figures.electrode_image(row.image, *lines)
+    image = figures.electrode_image(row.details.image, *lines)
     caption = f"{row.force_N:.2f} N at ({x:.1f}, {y:.1f}) mm, {row.time_s:.2f} s. Each touch: shape_NN.vtu."
     return picture(figures.deformed_shape(mesh.nodes, displacement, flat), caption) + picture(
         image, "Image of the electrodes in that frame."

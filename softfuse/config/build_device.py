@@ -8,7 +8,6 @@ from softfuse.body.body import Body
 from softfuse.body.element import ELEMENTS
 from softfuse.config.build_material import build_materials
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
-from softfuse.config.build_sensors import build_sensors
 from softfuse.config.device import DeviceConfig
 from softfuse.equilibrium.multifrontal import Multifrontal
 from softfuse.equilibrium.punch import PunchContact
@@ -16,7 +15,6 @@ from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import StepSettings
 from softfuse.estimation.limits import Limits
-from softfuse.estimation.tracker import Tracker, TrackerSettings, fitted_location, mean_location
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch, uniform
@@ -25,8 +23,6 @@ from softfuse.mesh.surface import outer_surface
 CONTACT_MODELS = {"punch": flat_punch, "uniform": uniform}
 """Pressure cells of each contact model that a config may name."""
 
-
-_LOCATE = {"peak-fit": fitted_location, "weighted-mean": mean_location}
 
 
 def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Device:
@@ -74,21 +70,3 @@ def build_limits(config: DeviceConfig, contacts: int) -> Limits:
 def build_step_settings(config: DeviceConfig) -> StepSettings:
     """How the estimate steps are run."""
     return StepSettings(steps_per_frame=config.estimator.steps_per_frame)
-
-
-def build_tracker(config: DeviceConfig, device: Device) -> Tracker:
-    """What turns the frames of the config's sensors into contact, force and shape of the device; compiled.
-
-    Raises ConfigError when the config has no sensors or no contact.
-    """
-    sensors = build_sensors(config)
-    assert config.contact is not None and config.sensors is not None  # or there were no sensors built
-    workspace = config.contact.workspace
-    return Tracker(
-        sensors,
-        device,
-        build_limits(config, 1),
-        TrackerSettings(np.stack([workspace.x, workspace.y], axis=1), config.estimator.poor_fit),
-        build_step_settings(config),
-        locate=_LOCATE[config.sensors.capacitive.location],
-    )

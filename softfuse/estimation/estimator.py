@@ -75,15 +75,15 @@ class Estimator:
                 f"{limits.upper.shape[0]} limits for {self._rest.drive.shape[0]} drives: give one for each "
                 "contact, then for each attached load"
             )
-        arrays, static = eqx.partition((device, limits), eqx.is_array)
+        arrays, static = eqx.partition(device, eqx.is_array)
         self._arrays = arrays
 
         def factor(arrays, state, places):
-            device, _ = eqx.combine(arrays, static)
+            device = eqx.combine(arrays, static)
             return device.linear.factor(loaded_tangents(device.body, device.loads(places), state))
 
-        def step(arrays, factor, state, seen):
-            device, limits = eqx.combine(arrays, static)
+        def step(arrays, limits, factor, state, seen):
+            device = eqx.combine(arrays, static)
             return estimate_step(device, limits, factor, state, seen, refinements=settings.refinements)
 
         started = time.perf_counter()
@@ -95,7 +95,7 @@ class Estimator:
             )
         k = device.readings
         seen = Observation(jnp.zeros(k), jnp.zeros(k), places)
-        self._step = jax.jit(step).lower(arrays, self._rest_factor, self._rest, seen).compile()
+        self._step = jax.jit(step).lower(arrays, limits, self._rest_factor, self._rest, seen).compile()
         self.compile_s = time.perf_counter() - started
         self.reset()
 
@@ -109,15 +109,18 @@ class Estimator:
         """The state after the last frame."""
         return self._state
 
-    def update(self, seen: Observation) -> Estimate:
-        """Advance by one frame's observation; never raises for what it contains."""
+    def update(self, seen: Observation, limits: Limits | None = None) -> Estimate:
+        """Advance by one frame's observation within the limits of this frame; never raises for what they
+        contain.
+        """
         started = time.perf_counter()
+        limits = self.limits if limits is None else limits
         renewed = self._renew
         if renewed:
             self._tangent = self._factor(self._arrays, self._state, seen.places)
         state, report = self._state, None
         for _ in range(self.settings.steps_per_frame):
-            state, report = self._step(self._arrays, self._tangent, state, seen)
+            state, report = self._step(self._arrays, limits, self._tangent, state, seen)
         assert report is not None
         contraction, least = float(report.contraction), float(report.least_volume_ratio)
         lost = not (least > self.settings.least_volume_ratio and np.isfinite(contraction))

@@ -1,225 +1,205 @@
-"""Sensor frames in, contact, force and shape out: the pad's sensors and the estimator, frame after frame.
+"""Sensor frames in, contacts, forces and shape out: a device's senses and the estimator, frame after frame.
 
-The sensors decide whether something touches and where; while it does, each frame's volume changes drive one
-estimate step; on release the body is taken to rest again. What cannot be trusted gets a status, and a number
-that would be a guess is NaN. Nothing here is threaded or reads files; `hardware` does that.
+The senses decide what touches and where; each frame's readings drive one estimate step, in which only those
+contacts may press that are touched. While nothing touches a device to which nothing is attached, its body is
+taken to rest. What cannot be trusted gets a status, and a number that would be a guess is NaN. Nothing here
+is threaded or reads files; `hardware` does that.
 """
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import dataclass, replace
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Bool, Float
 
+from softfuse.equilibrium.solution import State
 from softfuse.estimation.device import Device
-from softfuse.estimation.estimator import DEFAULT_STEPS, Estimator, StepSettings
+from softfuse.estimation.estimator import DEFAULT_STEPS, Estimate, Estimator, StepSettings
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
-from softfuse.sensing import PadMeasurement, PadSensors, pad_sensor_init, pad_sensor_update
-
-
-class Status(StrEnum):
-    """What is to be said about a frame; a frame may have several."""
-
-    ok = "ok"
-    no_contact = "no contact"
-    bad_time = "time missing or not increasing"
-    flow_missing = "flow missing"
-    flow_saturated = "flow saturated"
-    flow_lost = "no volume known"
-    electrode_lost = "electrode lost"
-    location_unknown = "location unknown"
-    outside = "outside workspace"
-    force_limit = "force limit"
-    poor_fit = "poor fit"
-    not_optimal = "optimum not reached"
-    inverted = "inverted element"
+from softfuse.sensing.senses import AbstractSenses, Sensed
+from softfuse.sensing.status import Status
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One frame of readings: time [s], flow (k,) [V], rows (r,) and columns (c,) of electrodes [counts].
+    """One frame of readings: time [s] and groups of channels (n,) in the units of the device's senses.
 
     NaN stands for what is missing.
     """
 
     time_s: float
-    flow_V: Float[np.ndarray, " k"]
-    row_counts: Float[np.ndarray, " r"]
-    column_counts: Float[np.ndarray, " c"]
+    readings: tuple[Float[np.ndarray, " n"], ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """What one frame says.
+    """What one frame says of c contacts, k readings and D drives.
 
-    `contacts`: how many touch; `location_m` (2,) and `force_N`: NaN where unknown, force 0 without contact;
-    `volume_change_m3`, `volume_sigma_m3` (k,): measured; `misfit_m3` (k,): measured minus modelled, NaN
-    without an estimate; `image` (c, r): s_col ⊗ s_row [counts²]; `latency_s`: wall time of the frame.
+    `touching` (c,): what touches; `location_m` (c, 3): where on the body at rest, NaN where unknown; `drive`
+    (D,): forces of the contacts [N], NaN where unknown and 0 where nothing touches, then what the attached
+    loads are driven with; `reading`, `sigma` (k,): measured; `misfit` (k,): measured minus modelled, NaN
+    without an estimate and where a reading took no part; `details`: the senses' own measurement;
+    `latency_s`: wall time of the frame.
     """
 
     time_s: float
-    contacts: int
-    location_m: Float[np.ndarray, "2"]
-    force_N: float
-    volume_change_m3: Float[np.ndarray, " k"]
-    volume_sigma_m3: Float[np.ndarray, " k"]
-    misfit_m3: Float[np.ndarray, " k"]
-    image: Float[np.ndarray, "c r"]
+    touching: Bool[np.ndarray, " c"]
+    location_m: Float[np.ndarray, "c 3"]
+    drive: Float[np.ndarray, " D"]
+    reading: Float[np.ndarray, " k"]
+    sigma: Float[np.ndarray, " k"]
+    misfit: Float[np.ndarray, " k"]
+    details: Any
     statuses: tuple[Status, ...]
     latency_s: float
 
     @property
-    def residual_m3(self) -> float:
-        """Root mean square misfit over the cavities that took part [m³]; NaN without an estimate."""
-        known = self.misfit_m3[np.isfinite(self.misfit_m3)]
+    def contacts(self) -> int:
+        """How many touch."""
+        return int(self.touching.sum())
+
+    @property
+    def force_N(self) -> float:
+        """Sum of the contacts' forces [N]; NaN when one is unknown."""
+        return float(np.sum(self.drive[: len(self.touching)]))
+
+    @property
+    def centre_m(self) -> Float[np.ndarray, "3"]:
+        """Force-weighted middle of the contacts (3,) [m]; their mean without forces, NaN without contacts."""
+        if not self.contacts:
+            return np.full(3, np.nan)
+        weight = np.where(self.touching, self.drive[: len(self.touching)], 0.0)
+        weight = weight if weight.sum() > 0 else self.touching.astype(float)
+        bearing = weight > 0
+        return weight[bearing] @ self.location_m[bearing] / weight[bearing].sum()
+
+    @property
+    def residual(self) -> float:
+        """Root mean square misfit of the readings that took part; NaN without an estimate."""
+        known = self.misfit[np.isfinite(self.misfit)]
         return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class TrackerSettings:
-    """Where contacts may be, and when an estimate is doubted.
+    """When an estimate is doubted: `poor_fit` [-], a misfit above this part of the largest reading."""
 
-    `workspace_m` (2, 2): lowest and highest x, y of a contact's centre [m]; `poor_fit` [-]: a largest misfit
-    above this part of the largest volume change is flagged.
-    """
-
-    workspace_m: Float[np.ndarray, "2 2"]
     poor_fit: float = 0.25
 
 
-def fitted_location(seen: PadMeasurement) -> Float[Array, "2"]:
-    """The location (2,) [m] of the peak fit."""
-    return seen.location_m
-
-
-def mean_location(seen: PadMeasurement) -> Float[Array, "2"]:
-    """The location (2,) [m] of the paper's weighted mean, which is pulled inwards at the border."""
-    return seen.weighted_mean_m
-
-
 class Tracker:
-    """Follows one contact on a pad through the frames of its sensors; compiled when made."""
+    """Follows the contacts on a device through the frames of its sensors; compiled when made."""
 
     def __init__(
         self,
-        sensors: PadSensors,
+        senses: AbstractSenses,
         device: Device,
         limits: Limits,
-        settings: TrackerSettings,
+        settings: TrackerSettings = TrackerSettings(),
         steps: StepSettings = DEFAULT_STEPS,
-        *,
-        locate: Callable[[PadMeasurement], Float[Array, "2"]] = fitted_location,
     ):
-        """Compile sensors and estimate step.
+        """Compile senses and estimate step.
 
-        Raises SolveError when the body cannot be estimated (see `Estimator`) or the limits are for more than
-        the one contact that crossed lines can locate.
+        Raises SolveError when the body cannot be estimated or the limits do not fit, see `Estimator`.
         """
-        self.estimator = Estimator(device, limits, jnp.zeros((1, 3)), steps)
         self.settings = settings
-        self._force_limit = float(limits.upper[0])
-        self._first = pad_sensor_init(sensors)
-        arrays, static = eqx.partition(sensors, eqx.is_array)
+        arrays, static = eqx.partition(senses, eqx.is_array)
         self._arrays = arrays
+        self._first = senses.init()
 
-        def sense(arrays, state, time_s, flow, rows, columns):
-            state, seen = pad_sensor_update(eqx.combine(arrays, static), state, time_s, flow, rows, columns)
-            return state, seen, locate(seen)
+        def sense(arrays, state, time_s, readings):
+            return eqx.combine(arrays, static).update(state, time_s, readings)
 
-        shapes = (sensors.flow.zero_V, sensors.peak.row_y_m, sensors.peak.column_x_m)
-        example = (jnp.zeros(()), *(jnp.zeros(like.shape) for like in shapes))
+        blank = tuple(jnp.zeros(n) for n in senses.channels)
         started = time.perf_counter()
-        self._sense = jax.jit(sense).lower(arrays, self._first, *example).compile()
-        self.compile_s = self.estimator.compile_s + time.perf_counter() - started
+        self._sense = jax.jit(sense).lower(arrays, self._first, jnp.zeros(()), blank).compile()
+        like = jax.eval_shape(sense, arrays, self._first, jnp.zeros(()), blank)[1].places
+        places = jnp.zeros(like.shape, like.dtype)
+        self.compile_s = time.perf_counter() - started
+        self.estimator = Estimator(device, limits, places, steps)
+        self.compile_s += self.estimator.compile_s
+        self._limits, self._upper = limits, np.asarray(limits.upper)
         self.reset()
 
     @property
-    def z(self) -> Float[Array, " n"]:
-        """The body's unknowns (n,) after the last frame; `device.body.displacement` makes a shape of them."""
-        return self.estimator.state.z
+    def state(self) -> State:
+        """The body and its loads after the last frame; `device.body.displacement(z)` is the shape."""
+        return self.estimator.state
 
     def reset(self) -> None:
         """Forget the past: nothing has been read, nothing touches."""
-        self._memory, self._begun = self._first, False
+        self._memory = self._first
         self.estimator.reset()
 
     def update(self, frame: Frame) -> Tracked:
         """Advance by one frame; never raises for what its readings are, only for their number."""
         started = time.perf_counter()
-        readings = (frame.time_s, frame.flow_V, frame.row_counts, frame.column_counts)
-        self._memory, seen, location = self._sense(
-            self._arrays, self._memory, *(jnp.asarray(reading, float) for reading in readings)
-        )
-        seen, location = jax.device_get((seen, location))
-        counts = np.concatenate([frame.row_counts, frame.column_counts])
-        # In the first frame no electrode has a baseline yet.
-        lost = ~seen.electrode_valid if self._begun else ~np.isfinite(counts)
-        self._begun = True
-        flags = _sensor_flags(seen, lost)
-        force, misfit = 0.0, np.full(seen.volume_change_m3.shape, np.nan)
-        if not seen.touching:
+        readings = tuple(jnp.asarray(group, float) for group in frame.readings)
+        now = jnp.asarray(frame.time_s, float)
+        self._memory, sensed = self._sense(self._arrays, self._memory, now, readings)
+        sensed: Sensed = jax.device_get(sensed)
+        said = [status for status, true in sensed.flags.items() if true]
+        contacts = len(sensed.touching)
+        attached = len(self._upper) > contacts
+        drive, misfit = np.zeros(len(self._upper)), np.full(sensed.reading.shape, np.nan)
+        if not sensed.touching.any():
+            said.insert(0, Status.no_contact)
+        if sensed.pressing.any() or attached:
+            drive, misfit, doubts = self._estimate(sensed)
+            said += doubts
+        elif not sensed.touching.any():
             self.estimator.reset()
-            location = np.full(2, np.nan)
-            flags.insert(0, Status.no_contact)
-        else:
-            force = float("nan")
-            low, high = self.settings.workspace_m
-            if not seen.location_valid:
-                location = np.full(2, np.nan)
-                flags.append(Status.location_unknown)
-            elif np.any(location < low) or np.any(location > high):
-                flags.append(Status.outside)
-            elif not np.any(seen.volume_valid):
-                flags.append(Status.flow_lost)
-            else:
-                force, misfit, doubts = self._estimate(seen, location)
-                flags.extend(doubts)
+        unknown = sensed.touching & ~sensed.pressing
+        drive = np.where(np.append(unknown, np.zeros(len(drive) - contacts, bool)), np.nan, drive)
         return Tracked(
             frame.time_s,
-            int(seen.touching),
-            location,
-            force,
-            seen.volume_change_m3,
-            seen.volume_sigma_m3,
+            sensed.touching,
+            sensed.location_m,
+            drive,
+            sensed.reading,
+            sensed.sigma,
             misfit,
-            seen.image,
-            tuple(flags) or (Status.ok,),
+            sensed.details,
+            tuple(said) or (Status.ok,),
             time.perf_counter() - started,
         )
 
-    def _estimate(self, seen: PadMeasurement, location: np.ndarray) -> tuple[float, np.ndarray, list[Status]]:
-        weight = np.where(seen.volume_valid, 1 / np.asarray(seen.volume_sigma_m3), 0.0)
-        place = jnp.asarray([[*location, 0.0]])
-        found = self.estimator.update(
-            Observation(jnp.asarray(seen.volume_change_m3), jnp.asarray(weight), place)
-        )
+    def _estimate(
+        self, sensed: Sensed
+    ) -> tuple[Float[np.ndarray, " D"], Float[np.ndarray, " k"], list[Status]]:
+        weight = np.where(sensed.valid, 1 / sensed.sigma, 0.0)
+        contacts = len(sensed.pressing)
+        upper = np.append(np.where(sensed.pressing, self._upper[:contacts], 0.0), self._upper[contacts:])
+        seen = Observation(jnp.asarray(sensed.reading), jnp.asarray(weight), jnp.asarray(sensed.places))
+        found = self.estimator.update(seen, replace(self._limits, upper=jnp.asarray(upper)))
         if found.lost:
-            return float("nan"), np.full(weight.shape, np.nan), [Status.inverted]
-        force, doubts = float(found.drive[0]), []
+            drive = np.concatenate([np.where(sensed.pressing, np.nan, 0.0), found.drive[contacts:]])
+            return drive, np.full(weight.shape, np.nan), [Status.inverted]
+        misfit = np.where(sensed.valid, found.misfit, np.nan)
+        return found.drive, misfit, self._doubts(sensed, found, misfit)
+
+    def _doubts(self, sensed: Sensed, found: Estimate, misfit: Float[np.ndarray, " k"]) -> list[Status]:
+        contacts, doubts = len(sensed.pressing), []
         # The cells' forces add up to the limit only up to rounding.
-        if force >= self._force_limit * (1 - 1e-9):
+        at_limit = found.drive[:contacts] >= self._upper[:contacts] * (1 - 1e-9)
+        if np.any(at_limit & sensed.pressing):
             doubts.append(Status.force_limit)
-        misfit = np.where(weight > 0, found.misfit, np.nan)
-        largest = np.max(np.abs(seen.volume_change_m3), where=weight > 0, initial=0.0)
-        noise = 5 * np.max(seen.volume_sigma_m3, where=weight > 0, initial=0.0)
-        if np.nanmax(np.abs(misfit)) > max(self.settings.poor_fit * largest, noise):
+        if _poor(sensed, misfit, self.settings.poor_fit):
             doubts.append(Status.poor_fit)
-        if float(found.report.kkt) > 1e-6:
+        if not float(found.report.kkt) <= 1e-6:
             doubts.append(Status.not_optimal)
-        return force, misfit, doubts
+        return doubts
 
 
-def _sensor_flags(seen: PadMeasurement, lost: np.ndarray) -> list[Status]:
-    said = (
-        (not seen.time_valid, Status.bad_time),
-        (np.any(seen.flow_missing), Status.flow_missing),
-        (np.any(seen.flow_saturated), Status.flow_saturated),
-        (np.any(lost), Status.electrode_lost),
-    )
-    return [status for true, status in said if true]
+def _poor(sensed: Sensed, misfit: Float[np.ndarray, " k"], part: float) -> bool:
+    """Whether some misfit is beyond both noise and a part of the largest reading, in standard deviations."""
+    if not sensed.valid.any():
+        return False
+    size = np.where(sensed.valid, np.abs(sensed.reading) / sensed.sigma, 0.0)
+    missed = np.where(sensed.valid, np.abs(misfit) / sensed.sigma, 0.0)
+    return bool(missed.max() > max(part * size.max(), 5.0))

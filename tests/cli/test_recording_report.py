@@ -4,15 +4,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from softfuse.cli.recording_report import Peaks
-from softfuse.estimation.tracker import Status, Tracked
+from softfuse.estimation.tracker import Tracked
+from softfuse.sensing.status import Status
 
 
 def seen(contacts: int, force_N: float) -> Tracked:
-    nothing = np.zeros(0)
-    place, image = np.zeros(2), np.zeros((0, 0))
-    return Tracked(
-        0.0, contacts, place, force_N, nothing, nothing, nothing, image, (Status.ok,), latency_s=0.0
-    )
+    touching, place, nothing = np.array([contacts > 0]), np.zeros((1, 3)), np.zeros(0)
+    force = np.array([force_N])
+    return Tracked(0.0, touching, place, force, nothing, nothing, nothing, None, (Status.ok,), latency_s=0.0)
 
 
 def test_each_touch_keeps_the_shape_at_its_largest_force() -> None:

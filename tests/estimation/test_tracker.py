@@ -8,24 +8,33 @@ from collections.abc import Callable
 from pathlib import Path
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from softfuse.config import load
 from softfuse.config.build_sensors import build_sensors
-from softfuse.estimation.tracker import Frame, Status, Tracked, Tracker, TrackerSettings
+from softfuse.estimation.tracker import Frame, Tracked, Tracker, TrackerSettings
 from softfuse.hardware.recording import read_recording
 from softfuse.sensing import d6f_p0001a1
+from softfuse.sensing.pad_senses import PadSenses
+from softfuse.sensing.status import Status
 
 ROOT = Path(__file__).parents[2]
-EVERYWHERE = TrackerSettings(np.array([[-0.1, -0.1], [0.1, 0.1]]), poor_fit=1e6)
+TRUSTING = TrackerSettings(poor_fit=1e6)
+
+
+def _tracker(device, limits, reach_m: float) -> Tracker:
+    """A tracker whose workspace reaches so far from the middle."""
+    sensors = build_sensors(load(ROOT / "configs" / "pad.toml"))
+    sensors = eqx.tree_at(lambda s: s.flow, sensors, d6f_p0001a1(2))
+    senses = PadSenses(sensors, reach_m * jnp.array([[-1.0, -1.0], [1.0, 1.0]]))
+    return Tracker(senses, device, limits, TRUSTING)
 
 
 @pytest.fixture(scope="module")
 def tracker(plain_device, one) -> Tracker:
-    sensors = build_sensors(load(ROOT / "configs" / "pad.toml"))
-    sensors = eqx.tree_at(lambda s: s.flow, sensors, d6f_p0001a1(2))
-    return Tracker(sensors, plain_device, one, EVERYWHERE)
+    return _tracker(plain_device, one, 0.1)
 
 
 @pytest.fixture(scope="module")
@@ -34,18 +43,19 @@ def frames() -> list[Frame]:
     recording = read_recording(ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz", [])
     rows, columns = ([f"{name}{k}" for k in range(8)] for name in ("row", "col"))
     parts = (recording.matrix(names)[:260] for names in (["flow1_V", "flow2_V"], rows, columns))
-    return [Frame(*values) for values in zip(recording.time_s[:260], *parts, strict=True)]
+    groups = zip(*parts, strict=True)
+    return [Frame(at, readings) for at, readings in zip(recording.time_s[:260], groups, strict=True)]
 
 
 @pytest.fixture(scope="module")
 def run(tracker: Tracker, frames: list[Frame]) -> Callable[..., list[Tracked]]:
     """run(flow=..., settings=...): all frames anew, with other volts or other settings."""
 
-    def go(flow: Callable = lambda i, volts: volts, settings: TrackerSettings = EVERYWHERE) -> list[Tracked]:
+    def go(flow: Callable = lambda i, volts: volts, settings: TrackerSettings = TRUSTING) -> list[Tracked]:
         tracker.reset()
         tracker.settings = settings
         return [
-            tracker.update(Frame(f.time_s, flow(i, f.flow_V), f.row_counts, f.column_counts))
+            tracker.update(Frame(f.time_s, (flow(i, f.readings[0]), *f.readings[1:])))
             for i, f in enumerate(frames)
         ]
 
@@ -55,19 +65,19 @@ def run(tracker: Tracker, frames: list[Frame]) -> Callable[..., list[Tracked]]:
 def test_contact_begins_and_is_located(run) -> None:
     found = run()
     assert found[0].statuses == (Status.no_contact,) and found[0].contacts == 0
-    assert found[0].force_N == 0.0 and np.all(np.isnan(found[0].location_m))
+    assert found[0].force_N == 0.0 and np.all(np.isnan(found[0].centre_m))
     last = found[-1]
     assert last.contacts == 1 and last.statuses == (Status.ok,)
     assert 0 < last.force_N < 25
-    np.testing.assert_allclose(last.location_m, [21.78e-3, -3.11e-3], atol=0.3e-3)
-    assert np.isfinite(last.residual_m3)
+    np.testing.assert_allclose(last.centre_m[:2], [21.78e-3, -3.11e-3], atol=0.3e-3)
+    assert np.isfinite(last.residual)
 
 
-def test_a_contact_outside_the_workspace_has_a_place_but_no_force(run) -> None:
-    narrow = TrackerSettings(np.array([[-0.01, -0.01], [0.01, 0.01]]))
-    last = run(settings=narrow)[-1]
+def test_a_contact_outside_the_workspace_has_a_place_but_no_force(plain_device, one, frames) -> None:
+    narrow = _tracker(plain_device, one, 0.01)
+    last = [narrow.update(frame) for frame in frames][-1]
     assert Status.outside in last.statuses and np.isnan(last.force_N)
-    assert np.all(np.isfinite(last.location_m)) and np.isnan(last.residual_m3)
+    assert np.all(np.isfinite(last.centre_m)) and np.isnan(last.residual)
 
 
 def test_a_force_at_the_limit_is_flagged(run) -> None:
@@ -79,13 +89,13 @@ def test_a_force_at_the_limit_is_flagged(run) -> None:
 
 
 def test_volumes_that_no_force_explains_are_doubted(run) -> None:
-    found = run(settings=TrackerSettings(EVERYWHERE.workspace_m, poor_fit=0.01))
+    found = run(settings=TrackerSettings(poor_fit=0.01))
     assert Status.poor_fit in found[-1].statuses
 
 
 def test_without_flow_there_is_no_force(run) -> None:
     found = run(flow=lambda i, volts: volts if i < 160 else np.full(2, np.nan))
-    assert Status.flow_missing in found[-1].statuses and Status.flow_lost in found[-1].statuses
+    assert Status.flow_missing in found[-1].statuses and Status.volume_unknown in found[-1].statuses
     assert np.isnan(found[-1].force_N) and found[-1].contacts == 1
 
 

@@ -1,0 +1,146 @@
+"""The finger's sensors in the terms of the estimator: cable lengths, pressures of sealed cavities, and
+touched electrodes that say which contacts may press.
+
+Readings are the cables' shortenings, then the gauge pressures. Pressures are averaged over `average_s` by an
+exponential mean, which leaves σ √(dt / 2τ) of their noise and lags τ behind: shapes are slow, noise is not.
+The finger rests while no electrode is touched and no cable is pulled.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from softfuse.sensing.electrodes import (
+    ElectrodeDetector,
+    ElectrodeReading,
+    ElectrodeState,
+    electrode_init,
+    electrode_update,
+)
+from softfuse.sensing.pressure import (
+    PressureReading,
+    PressureSensor,
+    PressureState,
+    pressure_init,
+    pressure_update,
+)
+from softfuse.sensing.senses import AbstractSenses, Sensed
+from softfuse.sensing.status import Status
+
+
+class FingerMeasurement(eqx.Module):
+    """What pressures (k,), electrodes (n,) and cables (b,) [m] say about one frame."""
+
+    pressure: PressureReading
+    electrodes: ElectrodeReading
+    cable_m: Float[Array, " b"]
+
+
+class FingerSenseState(eqx.Module):
+    """Memory between frames."""
+
+    time_s: Float[Array, ""]
+    pressure: PressureState
+    electrodes: ElectrodeState
+    mean_Pa: Float[Array, " k"]
+    mean_known: Bool[Array, " k"]
+    places: Int[Array, " c"]
+    pressing: Bool[Array, " c"]
+
+
+class FingerSenses(AbstractSenses):
+    """Pressure sensors, electrodes and cable lengths; groups of readings: pressures [V], electrodes [counts],
+    cables [m].
+
+    `middle_m` (n, 3): of the electrodes on the body at rest; `cable_sigma_m` (b,): noise of the lengths;
+    `slack_m` (b,): a cable that is shorter by less leaves the finger at rest; `contacts`: followed at once.
+    """
+
+    pressure: PressureSensor
+    electrodes: ElectrodeDetector
+    middle_m: Float[Array, "n 3"]
+    cable_sigma_m: Float[Array, " b"]
+    slack_m: Float[Array, " b"]
+    average_s: Float[Array, ""]
+    contacts: int = eqx.field(static=True)
+
+    @property
+    def channels(self):
+        """Cavities, electrodes, cables."""
+        return self.pressure.offset.shape[0], self.middle_m.shape[0], self.cable_sigma_m.shape[0]
+
+    def init(self):
+        """State before the first frame; the finger is taken to be untouched."""
+        k = self.pressure.offset.shape[0]
+        return FingerSenseState(
+            time_s=jnp.full((), -jnp.inf),
+            pressure=pressure_init(self.pressure),
+            electrodes=electrode_init(self.electrodes, self.contacts),
+            mean_Pa=jnp.zeros(k),
+            mean_known=jnp.zeros(k, bool),
+            places=jnp.zeros(self.contacts, int),
+            pressing=jnp.zeros(self.contacts, bool),
+        )
+
+    def update(self, state, time_s, readings):
+        """One frame of pressures (k,) [V], electrodes (n,) [counts] and cables (b,) [m]."""
+        volts, counts, cable = readings
+        started = jnp.isfinite(state.time_s)
+        forward = jnp.isfinite(time_s) & (time_s > state.time_s)
+        now = jnp.where(forward, time_s, state.time_s)
+        dt = jnp.where(started & forward, now - jnp.where(started, state.time_s, now), 0.0)
+        touch_state, touch = electrode_update(self.electrodes, state.electrodes, dt, counts)
+        # A length that is not read says nothing: a cable that slips off must not stop the tare for ever.
+        pulled = jnp.any(jnp.where(jnp.isfinite(cable), jnp.abs(cable) > self.slack_m, False))
+        resting = ~jnp.any(touch.near) & ~pulled
+        pressure_state, pressure = pressure_update(
+            self.pressure, state.pressure, dt, volts, jnp.array(jnp.nan), resting
+        )
+        mean, known, sigma = self._averaged(state, dt, pressure)
+        places, pressing = _places(state, touch)
+        later = FingerSenseState(now, pressure_state, touch_state, mean, known, places, pressing)
+        flags = {
+            Status.bad_time: ~forward,
+            Status.pressure_missing: jnp.any(pressure.missing),
+            Status.pressure_range: jnp.any(pressure.out_of_range),
+            Status.leak: jnp.any(pressure.leaking),
+            Status.cable_missing: jnp.any(~jnp.isfinite(cable)),
+            Status.electrode_lost: jnp.any(touch.lost | touch.missing),
+        }
+        length_known = jnp.isfinite(cable)
+        return later, Sensed(
+            reading=jnp.concatenate([jnp.where(length_known, cable, 0.0), mean]),
+            sigma=jnp.concatenate([self.cable_sigma_m, sigma]),
+            # The pressure of a cavity that leaks is true, but no longer that of the gas it was sealed with.
+            valid=jnp.concatenate([length_known, pressure.valid & known & ~pressure.leaking]),
+            touching=pressing,
+            pressing=pressing,
+            places=places,
+            location_m=jnp.where(pressing[:, None], self.middle_m[places], jnp.nan),
+            flags=flags,
+            details=FingerMeasurement(pressure, touch, cable),
+        )
+
+    def _averaged(
+        self, state: FingerSenseState, dt: Float[Array, ""], seen: PressureReading
+    ) -> tuple[Array, Array, Array]:
+        """Mean pressure (k,) [Pa], whether it is known (k,), and its standard deviation (k,) [Pa]."""
+        share = 1 - jnp.exp(-dt / self.average_s)
+        moved = state.mean_Pa + share * (seen.gauge_Pa - state.mean_Pa)
+        fresh = jnp.where(state.mean_known, moved, seen.gauge_Pa)
+        mean = jnp.where(seen.valid, fresh, state.mean_Pa)
+        noise = self.pressure.noise_V / self.pressure.supply_V / self.pressure.gain_1_Pa
+        left = noise**2 * share / (2 - share)
+        rest = jnp.maximum(seen.sigma_Pa**2 - noise**2, 0.0)
+        return mean, state.mean_known | seen.valid, jnp.sqrt(rest + left)
+
+
+def _places(state: FingerSenseState, touch: ElectrodeReading) -> tuple[Array, Array]:
+    """Electrodes (c,) in the contacts' slots, and which of them press (c,).
+
+    A slot that passes from one electrode to another is without force for one frame: a force belongs to its
+    place.
+    """
+    passed = state.pressing & touch.slots.used & (touch.slots.electrode != state.places)
+    places = jnp.where(passed | ~touch.slots.used, state.places, touch.slots.electrode)
+    return places, touch.slots.used & ~passed

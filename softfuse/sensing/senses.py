@@ -1,0 +1,51 @@
+"""What the sensors of a device say together about one frame, in the terms of the estimator."""
+
+from abc import abstractmethod
+from typing import Any
+
+import equinox as eqx
+from jaxtyping import Array, Bool, Float
+
+from softfuse.sensing.status import Status
+
+
+class Sensed(eqx.Module):
+    """One frame of c contacts and k readings."""
+
+    reading: Float[Array, " k"]
+    """(k,) readings since rest, in the order and units of `Device.reading` [SI]."""
+    sigma: Float[Array, " k"]
+    """(k,) their standard deviations."""
+    valid: Bool[Array, " k"]
+    """(k,) take part in the estimate."""
+    touching: Bool[Array, " c"]
+    """(c,) something touches here."""
+    pressing: Bool[Array, " c"]
+    """(c,) touches at a place that is known and allowed: its force can be estimated."""
+    places: Array
+    """(c, ...) places as the device's contact wants them."""
+    location_m: Float[Array, "c 3"]
+    """(c, 3) middles of the contacts on the body at rest; NaN where unknown or where nothing touches [m]."""
+    flags: dict[Status, Bool[Array, ""]]
+    """What is to be said about the frame, and whether it is."""
+    details: Any
+    """The measurement of the device's own sensors."""
+
+
+class AbstractSenses(eqx.Module):
+    """All sensors of a device: pure, causal, one frame after the other."""
+
+    @property
+    @abstractmethod
+    def channels(self) -> tuple[int, ...]:
+        """Numbers of channels in each group of readings that a frame has."""
+
+    @abstractmethod
+    def init(self) -> Any:
+        """State before the first frame; nothing touches."""
+
+    @abstractmethod
+    def update(
+        self, state: Any, time_s: Float[Array, ""], readings: tuple[Float[Array, " n"], ...]
+    ) -> tuple[Any, Sensed]:
+        """One frame at `time_s` [s] of readings (n,) in each group; NaN stands for what is missing."""

@@ -1,0 +1,25 @@
+"""What is to be said about a frame; a frame may have several."""
+
+from enum import StrEnum
+
+
+class Status(StrEnum):
+    """All that `status` in estimates.csv may say."""
+
+    ok = "ok"
+    no_contact = "no contact"
+    bad_time = "time missing or not increasing"
+    flow_missing = "flow missing"
+    flow_saturated = "flow saturated"
+    volume_unknown = "no volume known"
+    pressure_missing = "pressure missing"
+    pressure_range = "pressure out of range"
+    leak = "cavity leaks"
+    cable_missing = "cable length missing"
+    electrode_lost = "electrode lost"
+    location_unknown = "location unknown"
+    outside = "outside workspace"
+    force_limit = "force limit"
+    poor_fit = "poor fit"
+    not_optimal = "optimum not reached"
+    inverted = "inverted element"
