@@ -6,23 +6,24 @@ import numpy as np
 
 from softfuse.body.body import Body
 from softfuse.body.element import ELEMENTS
+from softfuse.config.build_attached import build_attached
 from softfuse.config.build_material import build_materials
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
+from softfuse.config.contact import PunchSettings, UniformSettings
 from softfuse.config.device import DeviceConfig
+from softfuse.equilibrium.load import Loads
 from softfuse.equilibrium.multifrontal import Multifrontal
+from softfuse.equilibrium.patch import PatchContact
 from softfuse.equilibrium.punch import PunchContact
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import StepSettings
-from softfuse.estimation.limits import Limits
+from softfuse.estimation.limits import Limits, Rates
 from softfuse.functional.cavity import Cavity
-from softfuse.functional.contact import Contact, ContactSurface
-from softfuse.functional.pressure_cells import flat_punch, uniform
 from softfuse.mesh.surface import outer_surface
 
-CONTACT_MODELS = {"punch": flat_punch, "uniform": uniform}
-"""Pressure cells of each contact model that a config may name."""
-
+CONTACT_MODELS = {"punch": PunchSettings.cells, "uniform": UniformSettings.cells}
+"""Pressure cells of each disc that a contact may be."""
 
 
 def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Device:
@@ -41,30 +42,63 @@ def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Device
         densities=[material.density for material in config.body.materials],
         gravity=config.body.gravity,
     )
-    surface = ContactSurface.facing(
-        outer_surface(mesh.mesh).faces, mesh.mesh.nodes, np.array(config.contact.direction)
-    )
-    contact = Contact(
-        surface, CONTACT_MODELS[config.contact.model](), jnp.zeros(3), jnp.asarray(config.contact.radius)
-    )
+    faces = outer_surface(mesh.mesh).faces
+    contact = config.contact.contact(faces, mesh.mesh.nodes, config.electrodes)
+    if isinstance(contact, PatchContact):
+        _check_electrodes(config, contact, body)
     cavities = tuple(Cavity(jnp.asarray(cavity.faces)) for cavity in mesh.cavities)
-    return Device(body, cavities, PunchContact(contact), Multifrontal.plan(body))
+    attached = build_attached(config, body, cavities)
+    vented = cavities if config.gas is None else ()
+    gauges = tuple(range(Loads(attached).sizes.drives))
+    return Device(body, vented, contact, Multifrontal.plan(body), attached, gauges)
+
+
+def _check_electrodes(config: DeviceConfig, contact: PatchContact, body: Body) -> None:
+    for k, electrode in enumerate(config.electrodes):
+        patch = contact.at(jnp.asarray(k))
+        on = patch.surface.land(body.rest, patch.location[None])
+        apart = jnp.linalg.norm(on.shape[0] @ body.rest[on.nodes[0]] - patch.location)
+        if not (bool(on.met[0]) and float(apart) <= float(patch.radius)):
+            raise ConfigError(
+                f'{config.path}: electrode[{k}].centre: "{electrode.name}" is not on the surface where its '
+                "direction enters the body, nor within contact.radius of it: move it, or turn its direction"
+            )
 
 
 def with_contact_model(device: Device, model: str) -> Device:
-    """The same device pressed by another contact model, "punch" or "uniform"."""
+    """The same device pressed by another disc, "punch" or "uniform".
+
+    Raises ConfigError when it is pressed by patches.
+    """
+    if not isinstance(device.contact, PunchContact):
+        raise ConfigError(f'contact.model: a device that is pressed by a "patch" has no "{model}"')
     return eqx.tree_at(lambda d: d.contact.disc.cells, device, CONTACT_MODELS[model]())
 
 
 def build_limits(config: DeviceConfig, contacts: int) -> Limits:
-    """Bounds and regularisation of the estimate with so many contacts."""
+    """Bounds and regularisation of the estimate with so many contacts, then cables, then sealed cavities.
+
+    Forces lie between 0 and max_force, tensions between 0 and max_tension; the gas that was sealed in stays.
+    """
     if config.contact is None:
         raise ConfigError(f"{config.path}: contact: missing, its max_force bounds the estimate")
-    return Limits(
-        jnp.zeros(contacts),
-        jnp.full(contacts, config.contact.max_force),
-        jnp.full(contacts, config.estimator.regularisation),
-    )
+    upper = [config.contact.max_force] * contacts + [cable.max_tension for cable in config.cables]
+    lower = [0.0] * len(upper)
+    damping = [config.estimator.regularisation] * len(upper)
+    if config.gas is not None:
+        filling = [config.gas.atmosphere] * len(config.cavities)
+        lower, upper = lower + filling, upper + filling
+        # Like SealedGas, count a thousandth of the atmosphere as a newton.
+        damping += [config.estimator.regularisation / (1e-3 * pascal) ** 2 for pascal in filling]
+    return Limits(jnp.array(lower, float), jnp.array(upper, float), jnp.array(damping, float))
+
+
+def build_rates(config: DeviceConfig, contacts: int) -> Rates:
+    """How fast the drives of `build_limits` and what answers them may change: limited for cables only."""
+    before, after = [np.inf] * contacts, [np.inf] * (0 if config.gas is None else len(config.cavities))
+    tension = [np.inf if cable.tension_rate is None else cable.tension_rate for cable in config.cables]
+    length = [np.inf if cable.length_rate is None else cable.length_rate for cable in config.cables]
+    return Rates(*(jnp.array([*before, *cables, *after], float) for cables in (tension, length)))
 
 
 def build_step_settings(config: DeviceConfig) -> StepSettings:

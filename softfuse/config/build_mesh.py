@@ -1,7 +1,5 @@
 """From settings to the mesh of the body: its nodes and tetrahedra, its cavities, the nodes that are held."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +7,7 @@ from jaxtyping import Bool
 
 from softfuse.config.body import FixedSettings
 from softfuse.config.device import DeviceConfig
-from softfuse.errors import ConfigError, MeshError
+from softfuse.errors import ConfigError
 from softfuse.mesh.surface import Surface, cavities
 from softfuse.mesh.tetmesh import TetMesh, linear, quadratic, tet_mesh
 
@@ -36,10 +34,10 @@ def build_mesh(config: DeviceConfig) -> DeviceMesh:
     cavities or of regions than the configuration, or no node is fixed.
     """
     centres = [cavity.centre for cavity in config.cavities]
-    with _told(config, "body.source"):
+    with config.told("body.source"):
         mesh = config.body.source.mesh(centres)
     mesh = linear(mesh) if config.body.element == "linear" else quadratic(mesh)
-    with _told(config, "cavity"):
+    with config.told("cavity"):
         found = cavities(mesh, np.array(centres).reshape(-1, 3))
     mesh = _with_numbered_regions(config, mesh)
     return DeviceMesh(mesh, tuple(found), _fixed_nodes(config, mesh))
@@ -79,12 +77,3 @@ def _within(fixed: FixedSettings, mesh: TetMesh) -> Bool[np.ndarray, " n"]:
             position = mesh.nodes[:, axis]
             inside &= (position >= span[0] - margin) & (position <= span[1] + margin)
     return inside
-
-
-@contextmanager
-def _told(config: DeviceConfig, key: str) -> Iterator[None]:
-    """A MeshError from within becomes a ConfigError that names the key."""
-    try:
-        yield
-    except MeshError as error:
-        raise ConfigError(f"{config.path}: {key}: {error}") from error

@@ -21,7 +21,9 @@ from softfuse.sensing import (
 
 
 def build_sensors(config: DeviceConfig) -> PadSensors:
-    """All measurement models of a device; raises ConfigError when it has no sensors or no contact radius."""
+    """All measurement models of a pad; raises ConfigError when the device has other sensors or none, or no
+    contact radius.
+    """
     if config.sensors is None:
         raise ConfigError(f"{config.path}: sensors: missing, needed to estimate from a recording")
     if config.contact is None:

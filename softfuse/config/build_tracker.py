@@ -4,6 +4,7 @@ import jax.numpy as jnp
 
 from softfuse.config.build_device import build_limits, build_step_settings
 from softfuse.config.build_sensors import build_sensors
+from softfuse.config.contact import DiscSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.estimation.device import Device
 from softfuse.estimation.tracker import Tracker, TrackerSettings
@@ -18,8 +19,9 @@ def build_tracker(config: DeviceConfig, device: Device) -> Tracker:
     Raises ConfigError when the config has no sensors or no contact.
     """
     sensors = build_sensors(config)
-    assert config.contact is not None and config.sensors is not None  # or there were no sensors built
-    workspace = config.contact.workspace
+    disc = config.contact
+    assert isinstance(disc, DiscSettings) and config.sensors is not None  # or there were no sensors built
+    workspace = disc.workspace
     senses = PadSenses(
         sensors,
         jnp.stack([jnp.asarray(workspace.x), jnp.asarray(workspace.y)], axis=1),

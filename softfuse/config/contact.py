@@ -1,11 +1,22 @@
 """What presses on the body, and where and how hard it may."""
 
-from typing import Literal
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Annotated, Literal
 
-from pydantic import field_validator
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+from pydantic import Field
 
-from softfuse.config.quantity import Number, PositiveForce, PositiveLength, wrong_value
-from softfuse.config.settings import Range, Settings
+from softfuse.config.attached import ElectrodePlace
+from softfuse.config.quantity import PositiveForce, PositiveInteger, PositiveLength, wrong_value
+from softfuse.config.settings import Direction, Range, Settings
+from softfuse.equilibrium.load import AbstractContact
+from softfuse.equilibrium.patch import PatchContact
+from softfuse.equilibrium.punch import PunchContact
+from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.pressure_cells import PressureCells, flat_punch, uniform
 
 
 class Workspace(Settings):
@@ -16,20 +27,101 @@ class Workspace(Settings):
 
 
 class ContactSettings(Settings):
-    """A disc of radius m that pushes along direction (3,) with at most max_force N.
+    """Something of radius m that presses with at most max_force N."""
 
-    model: "punch", a rigid flat indenter, or "uniform", the same pressure everywhere under the disc.
-    """
-
-    model: Literal["punch", "uniform"]
     radius: PositiveLength
-    direction: tuple[Number, Number, Number]
     max_force: PositiveForce
+
+    @abstractmethod
+    def contact(
+        self,
+        faces: Int[np.ndarray, "f s"],
+        rest: Float[np.ndarray, "k 3"],
+        electrodes: Sequence[ElectrodePlace],
+    ) -> AbstractContact:
+        """The contact on the outward faces (f, s) of a body with nodes at `rest` (k, 3) m and electrodes."""
+
+    @abstractmethod
+    def check_electrodes(self, count: int) -> None:
+        """Raise the error of a validator when so many [[electrode]] do not suit the contact."""
+
+
+class DiscSettings(ContactSettings):
+    """A disc that pushes along direction (3,) anywhere in the workspace."""
+
+    direction: Direction
     workspace: Workspace
 
-    @field_validator("direction")
-    @classmethod
-    def _check_direction(cls, direction: tuple[float, float, float]) -> tuple[float, float, float]:
-        if direction == (0.0, 0.0, 0.0):
-            raise wrong_value("the direction has no length; use [0, 0, -1] for downwards")
-        return direction
+    @staticmethod
+    @abstractmethod
+    def cells() -> PressureCells:
+        """How its force may be distributed."""
+
+    def contact(self, faces, rest, electrodes):
+        """A disc on those of the faces that look against its direction."""
+        del electrodes
+        surface = ContactSurface.facing(faces, rest, np.array(self.direction))
+        return PunchContact(Contact(surface, self.cells(), jnp.zeros(3), jnp.asarray(self.radius)))
+
+    def check_electrodes(self, count):
+        """A disc needs none."""
+
+
+class PunchSettings(DiscSettings):
+    """A rigid flat indenter."""
+
+    model: Literal["punch"]
+
+    @staticmethod
+    def cells():
+        """Ring sectors whose forces follow from equal displacement."""
+        return flat_punch()
+
+
+class UniformSettings(DiscSettings):
+    """The same pressure everywhere under the disc."""
+
+    model: Literal["uniform"]
+
+    @staticmethod
+    def cells():
+        """One cell."""
+        return uniform()
+
+
+_PATCH_RINGS, _PATCH_ANGLES = 3, 12
+
+
+class PatchSettings(ContactSettings):
+    """Patches at the electrodes, pressed along their current normals; at most max_contacts at once."""
+
+    model: Literal["patch"]
+    max_contacts: PositiveInteger
+
+    def contact(self, faces, rest, electrodes):
+        """One patch for each electrode, on whatever face it lies."""
+        del rest
+        return PatchContact.on(
+            jnp.asarray(faces),
+            jnp.array([electrode.centre for electrode in electrodes]),
+            jnp.array([electrode.direction for electrode in electrodes]),
+            uniform(rings=_PATCH_RINGS, angles=_PATCH_ANGLES),
+            self.radius,
+        )
+
+    def check_electrodes(self, count):
+        """Contacts are at electrodes, so there are not more of them."""
+        if not count:
+            raise wrong_value(
+                "a patch is pressed where an electrode is: add [[electrode]] with name, centre and direction",
+                key="contact.model",
+            )
+        if self.max_contacts > count:
+            raise wrong_value(
+                f"{self.max_contacts} contacts at once on {count} electrodes: "
+                f"give a number from 1 to {count}",
+                key="contact.max_contacts",
+            )
+
+
+AnyContact = Annotated[PunchSettings | UniformSettings | PatchSettings, Field(discriminator="model")]

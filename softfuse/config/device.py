@@ -1,16 +1,23 @@
 """A whole device, the top of a configuration file."""
 
-from pathlib import Path
-from typing import Annotated, Any, Self
+from collections.abc import Sequence
+from typing import Annotated, Self
 
 from annotated_types import Ge
-from pydantic import Field, PrivateAttr, model_validator
+from pydantic import Field, model_validator
 
+from softfuse.config.attached import (
+    CableSettings,
+    CentrelineSettings,
+    ElectrodePlace,
+    GasSettings,
+    PointSettings,
+)
 from softfuse.config.body import BodySettings
-from softfuse.config.contact import ContactSettings
+from softfuse.config.contact import AnyContact, PatchSettings
 from softfuse.config.quantity import Number, PositiveInteger, PositiveNumber, wrong_value
-from softfuse.config.sensors import SensorSettings
-from softfuse.config.settings import Settings, Vector
+from softfuse.config.sensor_set import SensorSettings
+from softfuse.config.settings import FileSettings, Settings, Vector
 
 
 class NameSettings(Settings):
@@ -37,42 +44,62 @@ class EstimatorSettings(Settings):
     poor_fit: PositiveNumber = 0.25
 
 
-class DeviceConfig(Settings):
-    """A validated configuration, in SI; contact and sensors are only needed by what uses them."""
+class DeviceConfig(FileSettings):
+    """A validated configuration, in SI; all but device and body is only needed by what uses it."""
 
     device: NameSettings
     body: BodySettings
     cavities: tuple[CavitySettings, ...] = Field(default=(), alias="cavity")
-    contact: ContactSettings | None = None
+    cables: tuple[CableSettings, ...] = Field(default=(), alias="cable")
+    gas: GasSettings | None = None
+    electrodes: tuple[ElectrodePlace, ...] = Field(default=(), alias="electrode")
+    points: tuple[PointSettings, ...] = Field(default=(), alias="point")
+    centreline: CentrelineSettings | None = None
+    contact: AnyContact | None = None
     sensors: SensorSettings | None = None
     estimator: EstimatorSettings = EstimatorSettings()
 
-    _path: Path = PrivateAttr(default=Path("config"))
-
-    def model_post_init(self, context: Any, /) -> None:
-        """Remember where the configuration comes from, for messages."""
-        if context:
-            self._path = context["path"]
-
-    @property
-    def path(self) -> Path:
-        """The file that the configuration comes from."""
-        return self._path
+    @model_validator(mode="after")
+    def _check_parts(self) -> Self:
+        for key, parts in (
+            ("cavity", self.cavities),
+            ("cable", self.cables),
+            ("electrode", self.electrodes),
+            ("point", self.points),
+        ):
+            _check_names(key, [part.name for part in parts])
+        self.body.source.check_cavities([cavity.centre for cavity in self.cavities])
+        if self.gas is not None:
+            self.gas.check_cavities(len(self.cavities))
+        if self.contact is not None:
+            self.contact.check_electrodes(len(self.electrodes))
+        return self
 
     @model_validator(mode="after")
-    def _check_cavities(self) -> Self:
-        count = len(self.cavities)
-        names = [cavity.name for cavity in self.cavities]
-        for k, name in enumerate(names):
-            if name in names[:k]:
-                raise wrong_value(
-                    f'the name "{name}" is taken by cavity[{names.index(name)}]', key=f"cavity[{k}].name"
-                )
-        if self.sensors is not None and len(self.sensors.flow.channels) != count:
-            given = len(self.sensors.flow.channels)
+    def _check_sensors(self) -> Self:
+        if self.sensors is None:
+            return self
+        self.sensors.check_counts(len(self.cavities), len(self.electrodes), len(self.cables))
+        if self.sensors.vented and self.gas:
             raise wrong_value(
-                f"{given} flow sensors for {count} cavities: name one column for each",
-                key="sensors.flow.channels",
+                "flow sensors are on vented cavities, [gas] seals them: remove one", key="sensors.flow"
             )
-        self.body.source.check_cavities([cavity.centre for cavity in self.cavities])
+        if self.sensors.sealed and not self.gas:
+            raise wrong_value(
+                "pressures are those of sealed cavities: add [gas] with dead_volume", key="sensors.pressure"
+            )
+        if self.contact is not None and bool(self.sensors.single) != isinstance(self.contact, PatchSettings):
+            raise wrong_value(
+                'electrodes tell which "patch" is pressed, crossed lines where a "punch" or "uniform" is: '
+                "change model, or the sensors",
+                key="contact.model",
+            )
         return self
+
+
+def _check_names(key: str, names: Sequence[str]) -> None:
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise wrong_value(
+                f'the name "{name}" is taken by {key}[{names.index(name)}]', key=f"{key}[{k}].name"
+            )

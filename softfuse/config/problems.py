@@ -77,8 +77,10 @@ def _untagged(location: Location, raw: Any, *, keep_last: bool) -> tuple[Locatio
                 value = value[part]
             elif not (keep_last and k == len(location) - 1):
                 continue
-        elif isinstance(part, int) and isinstance(value, list) and part < len(value):
-            value = value[part]
+        elif isinstance(part, int) and isinstance(value, list):
+            value = value[part] if part < len(value) else value
+        elif isinstance(part, int) and not isinstance(value, Mapping):
+            continue  # a single value that stands for a list of one
         place.append(part)
     return tuple(place), value
 

@@ -24,7 +24,6 @@ _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*({_UNIT})?\s*")
 _OTHERS = {
     "a mass": "kg",
     "an area": "m^2",
-    "a velocity": "m/s",
     "an energy or torque": "J",
     "a temperature": "K",
     "a current": "A",
@@ -64,8 +63,11 @@ VOLUME = Dimension("a volume", "m^3", "785 mm^3")
 TIME = Dimension("a time", "s", "0.5 s")
 FREQUENCY = Dimension("a frequency", "Hz", "100 Hz")
 ACCELERATION = Dimension("an acceleration", "m/s^2", "-9.81 m/s^2")
+VELOCITY = Dimension("a velocity", "m/s", "10 mm/s")
 FORCE = Dimension("a force", "N", "15 N")
+FORCE_RATE = Dimension("a force per time", "N/s", "5 N/s")
 PRESSURE = Dimension("a pressure", "Pa", "0.3 MPa")
+PRESSURE_RATE = Dimension("a pressure per time", "Pa/s", "2 Pa/s")
 DENSITY = Dimension("a density", "kg/m^3", "1080 kg/m^3")
 VOLTAGE = Dimension("a voltage", "V", "0.5 V")
 VOLTAGE_WALK = Dimension("a random walk of a voltage", "V/s^0.5", "0.02 mV/s^0.5")
@@ -77,8 +79,11 @@ _DIMENSIONS = (
     TIME,
     FREQUENCY,
     ACCELERATION,
+    VELOCITY,
     FORCE,
+    FORCE_RATE,
     PRESSURE,
+    PRESSURE_RATE,
     DENSITY,
     VOLTAGE,
     VOLTAGE_WALK,
@@ -90,8 +95,11 @@ Volume = Annotated[float, BeforeValidator(VOLUME.parse)]
 Time = Annotated[float, BeforeValidator(TIME.parse)]
 Frequency = Annotated[float, BeforeValidator(FREQUENCY.parse)]
 Acceleration = Annotated[float, BeforeValidator(ACCELERATION.parse)]
+Velocity = Annotated[float, BeforeValidator(VELOCITY.parse)]
 Force = Annotated[float, BeforeValidator(FORCE.parse)]
+ForceRate = Annotated[float, BeforeValidator(FORCE_RATE.parse)]
 Pressure = Annotated[float, BeforeValidator(PRESSURE.parse)]
+PressureRate = Annotated[float, BeforeValidator(PRESSURE_RATE.parse)]
 Density = Annotated[float, BeforeValidator(DENSITY.parse)]
 Voltage = Annotated[float, BeforeValidator(VOLTAGE.parse)]
 VoltageWalk = Annotated[float, BeforeValidator(VOLTAGE_WALK.parse)]
@@ -101,7 +109,9 @@ Integer = Annotated[int, Strict()]
 
 PositiveLength = Annotated[Length, Gt(0)]
 PositiveTime = Annotated[Time, Gt(0)]
+PositiveVelocity = Annotated[Velocity, Gt(0)]
 PositiveForce = Annotated[Force, Gt(0)]
+PositiveForceRate = Annotated[ForceRate, Gt(0)]
 PositivePressure = Annotated[Pressure, Gt(0)]
 PositiveVoltage = Annotated[Voltage, Gt(0)]
 PositiveNumber = Annotated[Number, Gt(0)]

@@ -1,4 +1,4 @@
-"""The sensors and the columns of a recording in which they write.
+"""Flow sensors and crossed lines of electrodes, and the columns of a recording in which they write.
 
 The keys are the parameters of softfuse/sensing, where they are explained in full. Defaults are those of the
 sensing stage, and a test keeps them equal.
@@ -151,23 +151,4 @@ class CapacitiveSettings(Settings):
                 )
         if self.lowest_counts >= self.highest_counts:
             raise wrong_value(f"must be below highest_counts = {self.highest_counts:g}", key="lowest_counts")
-        return self
-
-
-class SensorSettings(Settings):
-    """All sensors of the device."""
-
-    flow: FlowSettings
-    capacitive: CapacitiveSettings
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Columns that a recording must have, time apart: flow, rows, columns."""
-        return self.flow.channels + self.capacitive.row_channels + self.capacitive.column_channels
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        twice = {name for name in self.channels if self.channels.count(name) > 1}
-        if twice:
-            raise wrong_value(f'two sensors write in the column "{min(twice)}": give each its own')
         return self

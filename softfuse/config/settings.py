@@ -1,17 +1,44 @@
 """What all tables of a configuration have in common: no unknown keys, no change, finite numbers."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationInfo
+from pydantic import AfterValidator, BaseModel, ConfigDict, PrivateAttr, ValidationInfo
 
-from softfuse.config.quantity import Length, wrong_value
+from softfuse.config.quantity import Length, Number, wrong_value
+from softfuse.errors import ConfigError, MeshError
 
 
 class Settings(BaseModel):
     """A table of a configuration file; quantities in SI."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class FileSettings(Settings):
+    """A table that knows the file it comes from."""
+
+    _path: Path = PrivateAttr(default=Path("config"))
+
+    def model_post_init(self, context: Any, /) -> None:
+        """Remember where the configuration comes from, for messages."""
+        if context:
+            self._path = context["path"]
+
+    @property
+    def path(self) -> Path:
+        """The file that the configuration comes from."""
+        return self._path
+
+    @contextmanager
+    def told(self, key: str) -> Iterator[None]:
+        """A MeshError from within becomes a ConfigError that names the file and the key."""
+        try:
+            yield
+        except MeshError as error:
+            raise ConfigError(f"{self.path}: {key}: {error}") from error
 
 
 def _given(values: tuple[object, ...]) -> tuple[object, ...]:
@@ -31,6 +58,12 @@ def _not_descending(values: tuple[float, float]) -> tuple[float, float]:
     if values[1] < values[0]:
         raise wrong_value("the first value must not exceed the second")
     return values
+
+
+def _with_length(direction: tuple[float, float, float]) -> tuple[float, float, float]:
+    if direction == (0.0, 0.0, 0.0):
+        raise wrong_value("the direction has no length; use [0, 0, -1] for downwards")
+    return direction
 
 
 def _existing(path: Path, info: ValidationInfo) -> Path:
@@ -56,6 +89,9 @@ Positions = Annotated[tuple[Length, ...], AfterValidator(_ascending)]
 
 Vector = tuple[Length, Length, Length]
 """x, y, z in m."""
+
+Direction = Annotated[tuple[Number, Number, Number], AfterValidator(_with_length)]
+"""A vector (3,) of any length but 0."""
 
 ExistingFile = Annotated[Path, AfterValidator(_existing)]
 """A file that exists; a relative path starts in the folder of the configuration."""

@@ -1,0 +1,115 @@
+"""What is attached to the body: cables, gas sealed in its cavities, electrodes; and points to be watched."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Annotated, Any, Self
+
+import jax.numpy as jnp
+import numpy as np
+from annotated_types import Ge, Le, MinLen
+from pydantic import AfterValidator, BeforeValidator, model_validator
+
+from softfuse.body.body import Body
+from softfuse.config.quantity import (
+    Number,
+    PositiveForce,
+    PositiveForceRate,
+    PositivePressure,
+    PositiveVelocity,
+    Volume,
+    wrong_value,
+)
+from softfuse.config.settings import Direction, NotEmpty, Settings, Vector
+from softfuse.equilibrium.cable import PulledCable
+from softfuse.equilibrium.gas import SealedGas
+from softfuse.functional.cavity import Cavity
+
+
+def _apart(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
+    for k, (before, here) in enumerate(pairwise(points), start=1):
+        if here == before:
+            raise wrong_value("is the same point as the one before it: move or remove it", key=f"[{k}]")
+    return points
+
+
+Path3 = Annotated[tuple[Vector, ...], NotEmpty, AfterValidator(_apart)]
+"""Points (g, 3) m along a line, each apart from the one before."""
+
+
+class CableSettings(Settings):
+    """A cable from pulled_at (3,) m through guides (g, 3) m in the body; it ends at the last one.
+
+    friction [-]: μ at the guides; max_tension in N; tension_rate in N/s and length_rate in m/s: how fast its
+    tension and its length may change, None for any.
+    """
+
+    name: str
+    guides: Path3
+    pulled_at: Vector
+    friction: Annotated[Number, Ge(0)] = 0.0
+    max_tension: PositiveForce
+    tension_rate: PositiveForceRate | None = None
+    length_rate: PositiveVelocity | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.pulled_at == self.guides[0]:
+            raise wrong_value("is the first guide: pull from a point outside the body", key="pulled_at")
+        return self
+
+    def load(self, body: Body) -> PulledCable:
+        """The cable in a body at rest; raises MeshError for a guide outside it."""
+        return PulledCable.through(
+            body, np.array(self.guides), np.array(self.pulled_at), friction=self.friction
+        )
+
+
+def _listed(value: Any) -> Any:
+    return value if isinstance(value, list | tuple) else [value]
+
+
+class GasSettings(Settings):
+    """Gas sealed in all cavities: one dead volume in m³, or one for each cavity; atmosphere in Pa, absolute.
+
+    exponent κ [-] of p V^κ: 1 isothermal, 1.4 adiabatic air.
+    """
+
+    dead_volume: Annotated[tuple[Annotated[Volume, Ge(0)], ...], NotEmpty, BeforeValidator(_listed)]
+    atmosphere: PositivePressure = 101325.0
+    exponent: Annotated[Number, Ge(1), Le(5 / 3)] = 1.0
+
+    def check_cavities(self, count: int) -> None:
+        """Raise the error of a validator unless the gas suits so many cavities."""
+        if not count:
+            raise wrong_value("there is no cavity to seal: add [[cavity]], or remove [gas]", key="gas")
+        if len(self.dead_volume) not in (1, count):
+            raise wrong_value(
+                f"{len(self.dead_volume)} values for {count} cavities: give one, or one for each",
+                key="gas.dead_volume",
+            )
+
+    def load(self, body: Body, cavities: Sequence[Cavity]) -> SealedGas:
+        """The gas in the cavities of a body at rest; raises MeshError as `SealedGas.of` does."""
+        dead = jnp.broadcast_to(jnp.array(self.dead_volume), (len(cavities),))
+        return SealedGas.of(tuple(cavities), body, dead, atmosphere=self.atmosphere, exponent=self.exponent)
+
+
+class ElectrodePlace(Settings):
+    """An electrode on the surface: its middle (3,) m and the direction (3,) from there into the body."""
+
+    name: str
+    centre: Vector
+    direction: Direction
+
+
+class PointSettings(Settings):
+    """A point (3,) m of the material whose position is reported."""
+
+    name: str
+    at: Vector
+
+
+class CentrelineSettings(Settings):
+    """Points (g, 3) m of the material from the base to the tip: the ends of the segments between them."""
+
+    points: Annotated[tuple[Vector, ...], MinLen(2), AfterValidator(_apart)]

@@ -1,0 +1,111 @@
+"""The sensors of a device: a pair that measures deformation and finds contacts, and what there is besides.
+
+Flow sensors on vented cavities go with crossed lines of electrodes, pressure sensors on sealed cavities with
+single electrodes, because a flow's zero is taken by the one's touch and a pressure's zero by the other's.
+"""
+
+from typing import Self, TypeVar
+
+from pydantic import Field, model_validator
+
+from softfuse.config.quantity import wrong_value
+from softfuse.config.sealed_sensors import CableLengthSettings, ElectrodeSettings, PressureSettings
+from softfuse.config.sensors import CapacitiveSettings, FlowSettings
+from softfuse.config.settings import FileSettings, Settings
+from softfuse.errors import ConfigError
+
+_S = TypeVar("_S", bound=Settings)
+
+_PAIRS = (("flow", "capacitive"), ("pressure", "electrodes"))
+
+
+class SensorSettings(FileSettings):
+    """All sensors of the device: flow and capacitive, or pressure and electrodes and perhaps cable.
+
+    `vented`, `crossed`, `sealed`, `single` are None for the pair that the device does not have; `flow`,
+    `capacitive`, `pressure`, `electrodes` are for those who need it.
+    """
+
+    vented: FlowSettings | None = Field(default=None, alias="flow")
+    crossed: CapacitiveSettings | None = Field(default=None, alias="capacitive")
+    sealed: PressureSettings | None = Field(default=None, alias="pressure")
+    single: ElectrodeSettings | None = Field(default=None, alias="electrodes")
+    cable: CableLengthSettings | None = None
+
+    @property
+    def flow(self) -> FlowSettings:
+        """The flow sensors; raises ConfigError when the device has none."""
+        return self._given(self.vented, "flow")
+
+    @property
+    def capacitive(self) -> CapacitiveSettings:
+        """The crossed electrodes; raises ConfigError when the device has none."""
+        return self._given(self.crossed, "capacitive")
+
+    @property
+    def pressure(self) -> PressureSettings:
+        """The pressure sensors; raises ConfigError when the device has none."""
+        return self._given(self.sealed, "pressure")
+
+    @property
+    def electrodes(self) -> ElectrodeSettings:
+        """The single electrodes; raises ConfigError when the device has none."""
+        return self._given(self.single, "electrodes")
+
+    def _given(self, settings: _S | None, key: str) -> _S:
+        if settings is None:
+            raise ConfigError(f"{self.path}: sensors.{key}: missing, there is {_listing(self._keys)}")
+        return settings
+
+    @property
+    def _keys(self) -> set[str]:
+        fields = type(self).model_fields
+        return {fields[name].alias or name for name in fields if getattr(self, name) is not None}
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Columns that a recording must have, time apart: flow, rows, columns, or pressures, supply,
+        electrodes; then cables.
+        """
+        given = (
+            self.vented.channels if self.vented else (),
+            (*self.crossed.row_channels, *self.crossed.column_channels) if self.crossed else (),
+            self.sealed.columns if self.sealed else (),
+            self.single.channels if self.single else (),
+            self.cable.channels if self.cable else (),
+        )
+        return tuple(name for names in given for name in names)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        pair = self._keys - {"cable"}
+        if pair not in [set(each) for each in _PAIRS]:
+            raise wrong_value(
+                "give either [sensors.flow] and [sensors.capacitive], or [sensors.pressure] and "
+                f"[sensors.electrodes]; there is {_listing(pair)}"
+            )
+        if self.cable and self.vented:
+            raise wrong_value("goes with [sensors.pressure] and [sensors.electrodes] only", key="cable")
+        twice = {name for name in self.channels if self.channels.count(name) > 1}
+        if twice:
+            raise wrong_value(f'two sensors write in the column "{min(twice)}": give each its own')
+        return self
+
+    def check_counts(self, cavities: int, electrodes: int, cables: int) -> None:
+        """Raise the error of a validator unless there is a channel for each."""
+        for key, settings, what, count in (
+            ("flow", self.vented, "flow sensors for {} cavities", cavities),
+            ("pressure", self.sealed, "pressure sensors for {} cavities", cavities),
+            ("electrodes", self.single, "channels for {} electrodes", electrodes),
+            ("cable", self.cable, "channels for {} cables", cables),
+        ):
+            if settings is not None and len(settings.channels) != count:
+                raise wrong_value(
+                    f"{len(settings.channels)} {what.format(count)}: name one column for each",
+                    key=f"sensors.{key}.channels",
+                )
+
+
+def _listing(keys: set[str]) -> str:
+    order = [key for pair in _PAIRS for key in pair]
+    return " and ".join(f"[sensors.{key}]" for key in order if key in keys) or "neither"
