@@ -1,9 +1,10 @@
-"""Cavities shifted inside a body, the mesh following smoothly.
+"""Cavities shifted and resized inside a body, the mesh following smoothly.
 
 Each component of the nodes' displacement d is harmonic, ∇²d = 0, with d = 0 on the skin of the body and d
-equal to a cavity's shift on its wall, solved with linear elements: Σ V ∇N_a · ∇N_b d_b = 0. The topology
-stays, hence so do the numbers of nodes and tetrahedra, and quantities before and after can be compared one by
-one.
+given on the walls of the cavities: d = s + g (X − X_m)/L for a shift s and a growth g of a cavity that has
+the bounding box of middle X_m and size L (by component), solved with linear elements: Σ V ∇N_a · ∇N_b d_b
+= 0. The topology stays, hence so do the numbers of nodes and tetrahedra, and quantities before and after can
+be compared one by one.
 """
 
 import numpy as np
@@ -25,16 +26,35 @@ def moved_cavities(
     centres (k, 3) m tell which cavity is which, see `cavities`. Raises MeshError when a shift turns a
     tetrahedron over or the number of shifts is not that of the cavities.
     """
+    return reshaped_cavities(mesh, shifts, np.zeros_like(shifts), centres=centres)
+
+
+def reshaped_cavities(
+    mesh: TetMesh,
+    shifts: Float[np.ndarray, "k 3"],
+    growths: Float[np.ndarray, "k 3"],
+    *,
+    centres: Float[np.ndarray, "k 3"] | None = None,
+) -> TetMesh:
+    """The mesh with cavity k shifted by shifts[k] and longer by growths[k] (k, 3) m along x, y, z, the skin
+    in place; its edges are straight.
+
+    centres (k, 3) m and errors raised: see `moved_cavities`.
+    """
     corners = linear(mesh)
     walls = cavities(corners, centres)
-    if len(walls) != len(shifts):
-        raise MeshError(f"{len(shifts)} shifts are given for {len(walls)} cavities: give one for each")
+    for given, what in ((shifts, "shifts"), (growths, "growths")):
+        if len(given) != len(walls):
+            raise MeshError(f"{len(given)} {what} are given for {len(walls)} cavities: give one for each")
     displacement = np.zeros_like(corners.nodes)
     held = np.zeros(len(corners.nodes), bool)
     held[outer_surface(corners).faces] = True
-    for wall, shift in zip(walls, shifts, strict=True):
-        displacement[wall.faces] = shift
-        held[wall.faces] = True
+    for wall, shift, growth in zip(walls, shifts, growths, strict=True):
+        nodes = np.unique(wall.faces)
+        x = corners.nodes[nodes]
+        low, high = x.min(axis=0), x.max(axis=0)
+        displacement[nodes] = shift + growth * (x - 0.5 * (low + high)) / (high - low)
+        held[nodes] = True
     stiffness = _laplacian(corners)
     if not held.all():
         load = -(stiffness[~held][:, held] @ displacement[held])
@@ -43,7 +63,9 @@ def moved_cavities(
     try:
         check(moved)
     except MeshError as error:
-        raise MeshError(f"the cavities are shifted too far ({error}): mesh the new layout") from error
+        raise MeshError(
+            f"the cavities are shifted too far or grown too much ({error}): mesh the new layout"
+        ) from error
     return moved if mesh.order == 1 else quadratic(moved)
 
 

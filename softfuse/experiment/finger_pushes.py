@@ -1,0 +1,233 @@
+"""Pushes on a virtual finger: the equilibria that it passes through.
+
+A push shortens the cable first, then brings rigid frictionless tips to sides of segments and moves all of
+them on by the same depth, counted for each from its own first contact. Everything is elastic and without
+friction, so that the way back passes through the same equilibria.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from softfuse.equilibrium.load import Loads
+from softfuse.equilibrium.multifrontal import Multifrontal
+from softfuse.equilibrium.newton import Newton, solve
+from softfuse.equilibrium.rigid_plane import RigidPlane
+from softfuse.equilibrium.solution import RESULTS, State
+from softfuse.errors import ConfigError, SolveError
+from softfuse.experiment.virtual_finger import Side, VirtualFinger, rigid_tip
+
+CONTACTS = 2
+"""Largest number of tips that push at once."""
+
+_LENGTHS_AWAY = 2.0
+"""Lengths of the finger by which the tips stand back while the cable alone moves it."""
+
+_TOUCHING_N = 1e-6
+"""Total force below which a contact has no centre of pressure [N]."""
+
+
+@dataclass(frozen=True)
+class Push:
+    """Segments and sides that tips push on, cable shortening in m, and increasing depths in m to hold."""
+
+    contacts: tuple[tuple[int, Side], ...] = ()
+    cable: float = 0.0
+    depths: tuple[float, ...] = ()
+
+    def __str__(self) -> str:
+        tips = " and ".join(f"{side} of segment {segment}" for segment, side in self.contacts)
+        return f"{tips or 'no contact'}, cable shortened by {1e3 * self.cable:g} mm"
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Largest steps in m between equilibria, of cable and tips, and how far from the finger tips wait."""
+
+    cable: float = 2.5e-3
+    depth: float = 2.5e-3
+    clearance: float = 30e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """What a test bed sees of equilibria; leading axes *n: none for a single one.
+
+    cable [m]: shortening; depth [m]: of the tips beyond first contact, negative before; points (p, 3) and
+    electrodes (e, g, 3) [m]: where they are; gauge (k,) [Pa]: pressures; tension [N]; of each of `CONTACTS`
+    tips its force (c,) [N], the centre of pressure (c, 3) [m], without force the middle of the patch that the
+    tip faces, and the middle (c, 3) [m] of its face with the direction (c, 3) in which it pushes, 0 where
+    there is no tip.
+    """
+
+    cable: Float[np.ndarray, "*n"]
+    depth: Float[np.ndarray, "*n"]
+    points: Float[np.ndarray, "*n p 3"]
+    electrodes: Float[np.ndarray, "*n e g 3"]
+    gauge: Float[np.ndarray, "*n k"]
+    tension: Float[np.ndarray, "*n"]
+    force: Float[np.ndarray, "*n c"]
+    contact: Float[np.ndarray, "*n c 3"]
+    tip: Float[np.ndarray, "*n c 3"]
+    direction: Float[np.ndarray, "*n c 3"]
+
+
+def cable_levels(push: Push, steps: Steps) -> Float[np.ndarray, " n"]:
+    """Shortenings (n,) m on the way from 0 to the push's."""
+    return _levels((0.0, push.cable), steps.cable)
+
+
+def depth_levels(push: Push, steps: Steps) -> Float[np.ndarray, " n"]:
+    """Depths (n,) m on the way from 0 through all that are held."""
+    return _levels((0.0, *push.depths), steps.depth)
+
+
+def equilibria(push: Push, steps: Steps) -> int:
+    """How many equilibria `FingerSolver.poses` solves for."""
+    return len(cable_levels(push, steps)) + len(depth_levels(push, steps)) - 2
+
+
+class FingerSolver:
+    """Equilibria of one virtual finger; a program is compiled for each number of tips."""
+
+    def __init__(self, finger: VirtualFinger, steps: Steps) -> None:
+        """A solver that goes from one equilibrium to the next in `steps`."""
+        self._finger = finger
+        self._steps = steps
+        self._newton = Newton(Multifrontal.plan(finger.body))
+        self._solve = eqx.filter_jit(solve)
+
+    def poses(self, push: Push, *, solved: Callable[[], None] | None = None) -> list[Pose]:
+        """The poses of a push, in order: rest and cable with the tips waiting, first contact, the depths.
+
+        `solved` is called after each equilibrium. Raises ConfigError for tips or depths that make no push,
+        SolveError when an equilibrium is not found.
+        """
+        _check(push)
+        finger = self._finger
+        tips = tuple(rigid_tip(finger, *place) for place in push.contacts)
+        loads = Loads((*tips, finger.cable, finger.gas))
+        state = State.rest(finger.body, loads)
+        away = np.full(len(tips), -_LENGTHS_AWAY * finger.settings.drawing.size[0])
+        under_cable = [state]
+        for shortening in cable_levels(push, self._steps)[1:]:
+            where = f"{push}: no equilibrium at a shortening of {1e3 * shortening:g} mm"
+            under_cable.append(self._next(loads, under_cable[-1], away, shortening, where))
+            if solved is not None:
+                solved()
+        state = under_cable[-1]
+        touch = _Touch.of(finger, tips, state)
+        waiting = -self._steps.clearance
+        levels = cable_levels(push, self._steps)
+        poses = [
+            _pose(finger, tips, touch, at, shortening, waiting)
+            for at, shortening in zip(under_cable, levels, strict=True)
+        ]
+        if not tips:
+            return poses
+        # First contact without force is the equilibrium of the cable alone, with the tips there.
+        state = eqx.tree_at(lambda s: s.drive, state, self._drive(loads, touch.advance, push.cable))
+        poses.append(_pose(finger, tips, touch, state, push.cable, 0.0))
+        for depth in depth_levels(push, self._steps)[1:]:
+            where = f"{push}: no equilibrium at a depth of {1e3 * depth:g} mm"
+            state = self._next(loads, state, touch.advance + depth, push.cable, where)
+            poses.append(_pose(finger, tips, touch, state, push.cable, depth))
+            if solved is not None:
+                solved()
+        return poses
+
+    def _drive(self, loads: Loads, advance: Float[np.ndarray, " t"], shortening: float) -> jnp.ndarray:
+        """All drives: tips (t,) m, cable in m, gas as sealed at rest."""
+        filling = loads.start()[2][len(advance) + 1 :]
+        return jnp.concatenate([jnp.asarray(advance, float), jnp.array([float(shortening)]), filling])
+
+    def _next(
+        self, loads: Loads, state: State, advance: Float[np.ndarray, " t"], shortening: float, where: str
+    ) -> State:
+        drive = self._drive(loads, advance, shortening)
+        found = self._solve(self._newton, self._finger.body, loads, drive, state)
+        if not bool(found.result == RESULTS.converged):
+            raise SolveError(f"{where}: {RESULTS[found.result]}; smaller steps may help")
+        return found.state
+
+
+@dataclass(frozen=True, eq=False)
+class _Touch:
+    """Where t tips first touch: their advance (t,) m, and the middle (t, 3) m of their patches."""
+
+    advance: Float[np.ndarray, " t"]
+    middle: Float[np.ndarray, "t 3"]
+
+    @classmethod
+    def of(cls, finger: VirtualFinger, tips: tuple[RigidPlane, ...], state: State) -> "_Touch":
+        patches = [_patch(finger, tip, state) for tip in tips]
+        directions = [np.asarray(tip.direction) for tip in tips]
+        first = [np.min(x @ d) - float(t.offset) for x, d, t in zip(patches, directions, tips, strict=True)]
+        return cls(np.array(first, float), np.array([x.mean(axis=0) for x in patches]).reshape(-1, 3))
+
+
+def _check(push: Push) -> None:
+    if len(push.contacts) > CONTACTS:
+        raise ConfigError(f"{push}: {len(push.contacts)} tips at once: give at most {CONTACTS}")
+    if len(set(push.contacts)) < len(push.contacts):
+        raise ConfigError(f"{push}: two tips at one place: give each its own")
+    if bool(push.contacts) != bool(push.depths):
+        raise ConfigError(f"{push}: {len(push.depths)} depths: give depths with tips, and none without")
+    if push.cable < 0 or any(np.diff([0.0, *push.depths]) <= 0):
+        raise ConfigError(f"{push}: shortening must not be negative, depths must be positive and increase")
+
+
+def _levels(held: tuple[float, ...], step: float) -> Float[np.ndarray, " n"]:
+    """Levels (n,) from the first of the held ones to the last, at most a step apart; no level twice."""
+    pieces = [
+        np.linspace(a, b, 1 + int(np.ceil((b - a) / step * (1 - 1e-9))))[1:]
+        for a, b in zip(held[:-1], held[1:], strict=True)
+        if b > a
+    ]
+    return np.concatenate([held[:1], *pieces])
+
+
+def _patch(finger: VirtualFinger, tip: RigidPlane, state: State) -> Float[np.ndarray, "m 3"]:
+    """Where the points are that a tip can meet (m, 3) m."""
+    return np.asarray(tip.ports.values(finger.body, state.z)).reshape(-1, 3)
+
+
+def _pose(
+    finger: VirtualFinger,
+    tips: tuple[RigidPlane, ...],
+    touch: _Touch,
+    state: State,
+    shortening: float,
+    depth: float,
+) -> Pose:
+    nodes = np.asarray(finger.body.rest + finger.body.displacement(state.z))
+    internal = np.asarray(state.internal)
+    force = np.zeros(CONTACTS)
+    contact, middle, direction = np.zeros((3, CONTACTS, 3))
+    first = 0
+    for k, tip in enumerate(tips):
+        x, d = _patch(finger, tip, state), np.asarray(tip.direction)
+        pushes = internal[first : first + len(x)]
+        first += len(x)
+        force[k], direction[k] = pushes.sum(), d
+        contact[k] = pushes @ x / force[k] if force[k] > _TOUCHING_N else x.mean(axis=0)
+        plane = float(tip.offset) + touch.advance[k] + depth
+        middle[k] = touch.middle[k] + (plane - touch.middle[k] @ d) * d
+    cavities = len(finger.gas.rest)
+    electrodes = finger.electrodes.at(nodes).reshape(-1, finger.electrode_points, 3)
+    return Pose(
+        cable=np.asarray(shortening, float),
+        depth=np.asarray(depth, float),
+        points=finger.points.at(nodes),
+        electrodes=electrodes,
+        gauge=np.asarray(state.force)[-cavities:],
+        tension=internal[first],
+        force=force,
+        contact=contact,
+        tip=middle,
+        direction=direction,
+    )
