@@ -6,7 +6,7 @@ from typing import Annotated, Any, Self
 
 import jax.numpy as jnp
 import numpy as np
-from annotated_types import Ge, Le, MinLen
+from annotated_types import Ge, Le
 from pydantic import AfterValidator, BeforeValidator, model_validator
 
 from softfuse.body.body import Body
@@ -112,4 +112,10 @@ class PointSettings(Settings):
 class CentrelineSettings(Settings):
     """Points (g, 3) m of the material from the base to the tip: the ends of the segments between them."""
 
-    points: Annotated[tuple[Vector, ...], MinLen(2), AfterValidator(_apart)]
+    points: Path3
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(self.points) < 2:
+            raise wrong_value("a line has at least two points", key="points")
+        return self

@@ -1,6 +1,7 @@
 """From settings to a device that can be simulated and estimated."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -54,15 +55,20 @@ def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Device
 
 
 def _check_electrodes(config: DeviceConfig, contact: PatchContact, body: Body) -> None:
-    for k, electrode in enumerate(config.electrodes):
-        patch = contact.at(jnp.asarray(k))
+    def landed(place):
+        patch = contact.at(place)
         on = patch.surface.land(body.rest, patch.location[None])
         apart = jnp.linalg.norm(on.shape[0] @ body.rest[on.nodes[0]] - patch.location)
-        if not (bool(on.met[0]) and float(apart) <= float(patch.radius)):
-            raise ConfigError(
-                f'{config.path}: electrode[{k}].centre: "{electrode.name}" is not on the surface where its '
-                "direction enters the body, nor within contact.radius of it: move it, or turn its direction"
-            )
+        return on.met[0] & (apart <= patch.radius)
+
+    on_surface = np.asarray(jax.vmap(landed)(jnp.arange(len(config.electrodes))))
+    if not on_surface.all():
+        k = int(np.argmin(on_surface))
+        raise ConfigError(
+            f'{config.path}: electrode[{k}].centre: "{config.electrodes[k].name}" is not within '
+            "contact.radius of where its direction enters the body: move it onto the surface, or turn its "
+            "direction"
+        )
 
 
 def with_contact_model(device: Device, model: str) -> Device:

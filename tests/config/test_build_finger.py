@@ -1,0 +1,277 @@
+"""From the finger's configuration to a device: loads, contacts, readings, limits, points and sensors."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.config import DeviceConfig, load
+from softfuse.config.build_attached import build_attached, build_centreline, build_points
+from softfuse.config.build_device import build_device, build_limits, build_rates, with_contact_model
+from softfuse.config.build_finger_sensors import build_finger_sensors, electrode_thresholds, pressure_sensor
+from softfuse.config.build_mesh import DeviceMesh, build_mesh
+from softfuse.config.build_sensors import build_sensors
+from softfuse.config.sealed_sensors import ElectrodeSettings, PressureSettings
+from softfuse.equilibrium.cable import PulledCable
+from softfuse.equilibrium.gas import SealedGas
+from softfuse.equilibrium.load import Loads
+from softfuse.equilibrium.patch import PatchContact
+from softfuse.errors import ConfigError
+from softfuse.estimation.device import Device
+from softfuse.functional.cavity import Cavity
+from softfuse.sensing import electrode_detector, mpx5100a, mpx5100d
+
+Write = Callable[..., Path]
+Edited = Callable[..., DeviceConfig]
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+COARSE = (
+    ('wall_size = "10 mm"', 'wall_size = "20 mm"'),
+    ('base_size = "12 mm"', 'base_size = "30 mm"'),
+    ("growth = 2.0", "growth = 9.0"),
+)
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory: pytest.TempPathFactory) -> DeviceConfig:
+    """The finger, coarse."""
+    text = (CONFIGS / "finger.toml").read_text(encoding="utf-8")
+    for old, new in COARSE:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    path = tmp_path_factory.mktemp("finger") / "finger.toml"
+    path.write_text(text, encoding="utf-8")
+    return load(path)
+
+
+@pytest.fixture(scope="module")
+def mesh(config: DeviceConfig) -> DeviceMesh:
+    """Its mesh."""
+    return build_mesh(config)
+
+
+@pytest.fixture(scope="module")
+def device(config: DeviceConfig, mesh: DeviceMesh) -> Device:
+    """The device on it."""
+    return build_device(config, mesh)
+
+
+@pytest.fixture
+def edited(write_finger: Write) -> Edited:
+    """The configuration with pieces of its text replaced, none of which moves its mesh."""
+    return lambda *changes: load(write_finger(*COARSE, *changes))
+
+
+def test_readings_are_the_cable_and_then_the_pressures(device: Device) -> None:
+    assert device.sensors == ()
+    cable, gas = device.attached
+    assert isinstance(cable, PulledCable) and isinstance(gas, SealedGas)
+    assert device.gauges == tuple(range(7))
+    assert device.readings == 7
+    state = device.rest_state(jnp.array([0, 5]))
+    assert state.drive.shape == (2 + 1 + 6,)
+    np.testing.assert_allclose(state.drive, [0, 0, 0, *[101325.0] * 6])
+    np.testing.assert_allclose(device.reading(state), 0.0, atol=1e-12)
+
+
+def test_guides_are_where_the_config_says(device: Device) -> None:
+    cable = device.attached[0]
+    assert isinstance(cable, PulledCable)
+    ports, body = cable.ports, device.body
+    places = ports.values(body, jnp.zeros(body.n)).reshape(-1, 3)
+    x = np.array([2, 12, 22, 38, 52, 68, 82, 98, 108, 116])
+    np.testing.assert_allclose(1e3 * places, np.stack([x, 0 * x, 0 * x + 3], axis=1), atol=1e-9)
+    assert float(cable.rest_length) == pytest.approx(0.121)
+    # Each guide is inside its element, or its shape values would extrapolate.
+    shape = np.asarray(ports.points.shape(body.rest))
+    np.testing.assert_allclose(shape.sum(axis=1), 1.0)
+    assert np.abs(shape).max() <= 1.0 + 1e-9
+
+
+def test_cavities_hold_gas_in_the_order_of_the_config(config: DeviceConfig, device: Device) -> None:
+    gas = device.attached[1]
+    assert isinstance(gas, SealedGas)
+    np.testing.assert_allclose(gas.rest, 480e-9)
+    np.testing.assert_allclose(gas.dead, 100e-9)
+    assert (float(gas.atmosphere), float(gas.exponent)) == (101325.0, 1.0)
+    for cavity, settings in zip(gas.ports.cavities, config.cavities, strict=True):
+        middle = np.asarray(device.body.rest)[np.unique(cavity.faces)].mean(axis=0)
+        np.testing.assert_allclose(middle, settings.centre, atol=1.5e-3)
+
+
+def test_each_cavity_may_have_its_own_dead_volume(edited: Edited, device: Device) -> None:
+    dead = ", ".join(f'"{10 * k} mm^3"' for k in range(6))
+    other = edited(('"100 mm^3"', f"[{dead}]"), ("exponent = 1.0", "exponent = 1.4"))
+    gas = device.attached[1]
+    assert other.gas is not None and isinstance(gas, SealedGas)
+    loaded = other.gas.load(device.body, gas.ports.cavities)
+    np.testing.assert_allclose(loaded.dead, 1e-8 * np.arange(6), atol=1e-20)
+    assert float(loaded.exponent) == 1.4
+
+
+def test_patches_are_on_the_electrodes_and_press_inwards(config: DeviceConfig, device: Device) -> None:
+    contact = device.contact
+    assert isinstance(contact, PatchContact)
+    frames = jax.vmap(lambda k: contact.at(k).frame(device.body)[0])(jnp.arange(12))
+    for frame, electrode in zip(np.asarray(frames), config.electrodes, strict=True):
+        np.testing.assert_allclose(frame[:3], electrode.centre, atol=1e-12)
+        np.testing.assert_allclose(np.cross(frame[3:6], frame[6:9]), electrode.direction, atol=1e-12)
+    assert float(contact.radius) == 4e-3
+
+
+def test_limits_are_those_of_contacts_cables_and_gas(config: DeviceConfig, device: Device) -> None:
+    limits = build_limits(config, 2)
+    np.testing.assert_allclose(limits.lower, [0, 0, 0, *[101325.0] * 6])
+    np.testing.assert_allclose(limits.upper, [5, 5, 20, *[101325.0] * 6])
+    # 1e-6 per square of a newton, and of the thousandth of the atmosphere that the gas counts as one.
+    np.testing.assert_allclose(limits.regularisation, [1e-6] * 3 + [1e-6 / 101.325**2] * 6)
+    gas = device.attached[1]
+    assert isinstance(gas, SealedGas)
+    np.testing.assert_allclose(limits.regularisation[3:] * gas.units() ** 2, 1e-6)
+    assert limits.lower.shape == (2 + Loads(device.attached).sizes.drives,)
+
+
+def test_rates_are_those_of_the_cables(config: DeviceConfig, edited: Edited) -> None:
+    free = build_rates(config, 2)
+    assert np.all(np.isinf(free.drive)) and np.all(np.isinf(free.stroke)) and free.drive.shape == (9,)
+    rates = 'max_tension = "20 N"\ntension_rate = "5 N/s"\nlength_rate = "10 mm/s"'
+    held = build_rates(edited(('max_tension = "20 N"', rates)), 1)
+    np.testing.assert_array_equal(held.drive, [np.inf, 5.0, *[np.inf] * 6])
+    np.testing.assert_array_equal(held.stroke, [np.inf, 0.01, *[np.inf] * 6])
+
+
+def test_points_and_centreline_are_in_the_material(config: DeviceConfig, device: Device) -> None:
+    for points, expected in (
+        (build_points(config, device.body), [p.at for p in config.points]),
+        (build_centreline(config, device.body), [(x, 0.0, 0.01) for x in (0.0, 0.03, 0.06, 0.09, 0.12)]),
+    ):
+        rest = device.body.rest
+        found = jnp.einsum("ga,gai->gi", points.shape(rest), rest[points.nodes])
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_a_device_may_have_no_points(edited: Edited, device: Device) -> None:
+    text = (CONFIGS / "finger.toml").read_text(encoding="utf-8")
+    cut = text[text.index("[[point]]") : text.index("[sensors.pressure]")]
+    bare = edited((cut, ""))
+    points = build_points(bare, device.body)
+    assert points.shape(device.body.rest).shape == (0, 10)
+    with pytest.raises(ConfigError, match=rf"^{bare.path}: centreline: missing, "):
+        build_centreline(bare, device.body)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('["22 mm", "0 mm", "3 mm"]', '["30 mm", "0 mm", "3 mm"]',
+         r"cable\[0\].guides: point 2 at \(30, 0, 3\) mm lies outside the body: move it into the material"),
+        ('["60 mm", "0 mm", "10 mm"]', '["60 mm", "5 mm", "10 mm"]',
+         r"centreline.points: point 2 at \(60, 5, 10\) mm lies outside the body"),
+        ('at = ["105 mm", "0 mm"', 'at = ["125 mm", "0 mm"', r"point: point 1 at \(125, 0, 10\) mm"),
+    ],
+)  # fmt: skip
+def test_points_outside_the_material_are_told(
+    edited: Edited, device: Device, old: str, new: str, told: str
+) -> None:
+    wrong = edited((old, new))
+    gas = device.attached[1]
+    assert isinstance(gas, SealedGas)
+    with pytest.raises(ConfigError, match=rf"^{wrong.path}: {told}"):
+        build_attached(wrong, device.body, gas.ports.cavities)
+        build_centreline(wrong, device.body)
+        build_points(wrong, device.body)
+
+
+def test_cavities_of_another_mesh_are_told(config: DeviceConfig, device: Device) -> None:
+    lost = Cavity(jnp.array([[0, 1, 2], [0, 2, 1]]))
+    assert config.gas is not None
+    with (
+        pytest.raises(ConfigError, match=rf"^{config.path}: gas: a cavity has a face that belongs to no"),
+        config.told("gas"),
+    ):
+        config.gas.load(device.body, [lost] * 6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (
+            'centre = ["45 mm", "0 mm", "0 mm"]',
+            'centre = ["30 mm", "0 mm", "0 mm"]',
+        ),  # 5 mm deep in the notch
+        ('centre = ["45 mm", "0 mm", "0 mm"]', 'centre = ["45 mm", "30 mm", "0 mm"]'),  # beside the finger
+        (
+            'centre = ["45 mm", "0 mm", "0 mm"]\ndirection = [0, 0, 1]',
+            'centre = ["45 mm", "0 mm", "0 mm"]\ndirection = [0, 0, -1]',
+        ),  # enters the body at its back
+    ],
+)
+def test_an_electrode_off_the_surface_is_told(edited: Edited, mesh: DeviceMesh, old: str, new: str) -> None:
+    wrong = edited((old, new))
+    told = 'electrode[3].centre: "lower palm" is not within contact.radius of where its direction enters'
+    with pytest.raises(ConfigError) as caught:
+        build_device(wrong, mesh)
+    assert str(caught.value).startswith(f"{wrong.path}: {told}")
+
+
+def test_a_patch_cannot_become_a_disc(device: Device) -> None:
+    with pytest.raises(ConfigError, match='a device that is pressed by a "patch" has no "punch"'):
+        with_contact_model(device, "punch")
+
+
+def _same(a: object, b: object) -> bool:
+    return bool(eqx.tree_equal(a, b))
+
+
+def test_defaults_are_those_of_the_sensing_stage() -> None:
+    names = ("a", "b", "c")
+    assert _same(electrode_thresholds(ElectrodeSettings(channels=names)), electrode_detector(3))
+    absolute = PressureSettings(type="MPX5100A", channels=names)
+    assert _same(pressure_sensor(absolute, 101325.0), mpx5100a(3))
+    for part in ("MPX5100D", "MPX5100G"):
+        assert _same(pressure_sensor(PressureSettings(type=part, channels=names), 9e4), mpx5100d(3))
+
+
+def test_the_fingers_own_values_are_those_of_its_data_sheets(config: DeviceConfig) -> None:
+    pressure, electrodes = build_finger_sensors(config)
+    assert _same(pressure, mpx5100a(6))
+    assert _same(electrodes, electrode_detector(12))
+
+
+def test_settings_reach_the_sensors(edited: Edited) -> None:
+    pressure, electrodes = build_finger_sensors(
+        edited(
+            ('atmosphere = "101.325 kPa"', 'atmosphere = "95 kPa"'),
+            ('supply = "5 V"', 'supply = "5.1 V"\ngain_sigma = 0.02\nhold_off = "2 s"\nlag_frames = 7'),
+            ('low = "2 mV"', 'low = "3 mV"'),
+            (
+                "[sensors.electrodes]",
+                '[sensors.pressure.tare]\nsettle = "2 s"\ndrift = "6 Pa/min"\n\n[sensors.pressure.leak]\n'
+                'slowest = "1 min"\nfastest = "4 s"\nrepeat = "30 Pa"\n\n[sensors.electrodes]',
+            ),
+            ("on_counts = 600.0", 'on_counts = 500.0\nlost = "0.2 s"\nquiet = "3 s"\non_frames = 5'),
+            ("[sensors.cable]", '[sensors.electrodes.baseline]\ncreep_time = "30 s"\n\n[sensors.cable]'),
+        )
+    )
+    np.testing.assert_allclose(pressure.rest_Pa, 95e3)
+    assert (float(pressure.supply_V), float(pressure.clip_low_V), pressure.lag) == (5.1, 3e-3, 7)
+    assert (float(pressure.gain_sigma), float(pressure.hold_off_s)) == (0.02, 2.0)
+    assert (float(pressure.tare.settle_s), float(pressure.tare.drift_Pa_s)) == (2.0, pytest.approx(0.1))
+    leak = pressure.leak
+    assert (float(leak.tolerated_1_s), float(leak.prior_1_s)) == (pytest.approx(1 / 60), 0.25)
+    assert float(leak.repeat_Pa) == 30.0
+    np.testing.assert_allclose(electrodes.on_counts, 500.0)
+    assert (float(electrodes.lost_s), float(electrodes.quiet_s), int(electrodes.on_frames)) == (0.2, 3.0, 5)
+    assert float(electrodes.array.creep_time_s) == 30.0
+
+
+def test_sensors_of_the_other_device_are_told(config: DeviceConfig, write: Write) -> None:
+    with pytest.raises(ConfigError, match=rf"^{config.path}: sensors.capacitive: missing, there is"):
+        build_sensors(config)
+    pad = load(write())
+    with pytest.raises(ConfigError, match=rf"^{pad.path}: sensors.pressure: missing, there is"):
+        build_finger_sensors(pad)
