@@ -113,9 +113,14 @@ class AbstractLoad(eqx.Module):
 class AbstractContact(eqx.Module):
     """What may touch a body, and how it presses: a load for every place."""
 
+    @property
+    @abstractmethod
+    def drives(self) -> int:
+        """How many forces [N] one contact is driven with."""
+
     @abstractmethod
     def load(self, body: Body, place: Array) -> AbstractLoad:
-        """The load of one contact at a place; its one drive is the total force [N]."""
+        """The load of one contact at a place; its drives are the forces [N]."""
 
 
 class Sizes(eqx.Module):

@@ -1,11 +1,14 @@
-"""A patch of the surface that is pressed along its current normal.
+"""Patches of the surface that are pressed along their current normals.
 
-The patch carries a frame: its mean position and two tangents, all linear in the nodes. Their cross product is
+A patch carries a frame: its mean position and two tangents, all linear in the nodes. Their cross product is
 the current normal n into the body, and a contact of magnitude F pushes with f = F n. Such a force turns with
 the body and has no potential; the law's derivative in the tangents makes up for that.
 """
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from softfuse.body.body import Body
@@ -14,53 +17,69 @@ from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import PressureCells
 
 
-def current_normal(frame: Float[Array, " 9"]) -> Float[Array, "3"]:
-    """Unit normal into the body (3,) of a patch's frame (9,): position, first tangent, second tangent."""
-    across = jnp.cross(frame[3:6], frame[6:9])
-    return across / jnp.linalg.norm(across)
-
-
-class NormalPatch(AbstractLoad):
-    """A patch pressed with a given force along its current normal; its ports are those of its frame."""
+class NormalPatches(AbstractLoad):
+    """c patches, each pressed with a given force along its current normal; ports are those of
+    their frames.
+    """
 
     ports: LinearPorts
 
     @classmethod
-    def of(cls, contact: Contact, body: Body) -> "NormalPatch":
-        """The patch of a contact; its pressure is that of all cells together."""
-        return cls(LinearPorts(*contact.frame(body)))
+    def of(cls, contacts: Sequence[Contact], body: Body) -> "NormalPatches":
+        """The patches of contacts; the pressure on each is that of all its cells together."""
+        rest, rows = zip(*(contact.frame(body) for contact in contacts), strict=True)
+        return cls(LinearPorts(_positions_first(jnp.stack(rest)), _positions_first(jnp.stack(rows, axis=1))))
 
     @property
     def sizes(self):
-        """The frame's nine ports; a force vector on the first three; the magnitude."""
-        return Sizes(ports=9, forces=3, internal=0, drives=1)
+        """The frames' nine ports each; force vectors on the positions; the magnitudes."""
+        c = self.ports.rest.shape[0] // 9
+        return Sizes(ports=9 * c, forces=3 * c, internal=0, drives=c)
 
     def start(self):
         """No force."""
-        return jnp.zeros(3), jnp.zeros(0), jnp.zeros(1)
+        sizes = self.sizes
+        return jnp.zeros(sizes.forces), jnp.zeros(0), jnp.zeros(sizes.drives)
 
     def units(self):
         """Newtons."""
-        return jnp.ones(3)
+        return jnp.ones(self.sizes.forces)
 
     def equations(self, force, internal, y, drive):
-        """f − F n = 0 (3,) [N]."""
+        """f_j − F_j n_j = 0 (3 c,) [N]."""
         del internal
-        return force - drive[0] * current_normal(y)
+        return force - (drive[:, None] * _normals(y)).ravel()
 
     def conjugate(self, force, internal, y):
-        """How far the patch has moved along its current normal (1,) [m]."""
+        """How far each patch has moved along its current normal (c,) [m]."""
         del force, internal
-        return jnp.dot(y[:3] - self.ports.rest[:3], current_normal(y))[None]
+        moved = (y - self.ports.rest)[: self.sizes.forces].reshape(-1, 3)
+        return jnp.sum(moved * _normals(y), axis=1)
+
+
+def _positions_first(frames: Float[Array, "... c 9"]) -> Float[Array, "... 9c"]:
+    """All positions, then all tangents, of frames that have both: forces belong to the first ports."""
+    lead = frames.shape[:-2]
+    return jnp.concatenate([frames[..., :3].reshape(*lead, -1), frames[..., 3:].reshape(*lead, -1)], axis=-1)
+
+
+def _normals(y: Float[Array, " 9c"]) -> Float[Array, "c 3"]:
+    tangents = y[y.shape[0] // 3 :].reshape(-1, 2, 3)
+    across = jnp.cross(tangents[:, 0], tangents[:, 1])
+    return across / jnp.linalg.norm(across, axis=1, keepdims=True)
 
 
 class PatchContact(AbstractContact):
-    """Patches at the middles `location` (e, 3) m of e electrodes, pressed along the inward directions (e, 3)
-    and tangents (e, 2, 3) of their rest surface; a place is the number of an electrode.
+    """Electrodes on the surface, each with c patches where a contact on it may press; a place is the number
+    of an electrode.
+
+    Forces on two patches stand for one force anywhere between them: a contact's place on its electrode is
+    found with its force. `location` (e, c, 3) m: the patches' middles on the body at rest; `direction` (e,
+    3), `tangents` (e, 2, 3): into the surface there and along it; `radius` [m].
     """
 
     faces: Int[Array, "f s"]
-    location: Float[Array, "e 3"]
+    location: Float[Array, "e c 3"]
     direction: Float[Array, "e 3"]
     tangents: Float[Array, "e 2 3"]
     cells: PressureCells
@@ -69,9 +88,9 @@ class PatchContact(AbstractContact):
     @classmethod
     def on(
         cls,
-        faces: Int[Array, "f s"],
-        location: Float[Array, "e 3"],
-        direction: Float[Array, "e 3"],
+        faces: Int[np.ndarray, "f s"],
+        location: Float[np.ndarray, "e c 3"],
+        direction: Float[np.ndarray, "e 3"],
         cells: PressureCells,
         radius: float,
     ) -> "PatchContact":
@@ -86,11 +105,17 @@ class PatchContact(AbstractContact):
             jnp.asarray(radius, float),
         )
 
-    def at(self, place: Int[Array, ""]) -> Contact:
-        """The patch of electrode number `place`."""
+    @property
+    def drives(self):
+        """One force for each patch of an electrode."""
+        return self.location.shape[1]
+
+    def at(self, place: Int[Array, ""]) -> tuple[Contact, ...]:
+        """The patches of electrode number `place`."""
         surface = ContactSurface(self.faces, self.direction[place], self.tangents[place])
-        return Contact(surface, self.cells, self.location[place], self.radius)
+        middles = self.location[place]
+        return tuple(Contact(surface, self.cells, middle, self.radius) for middle in middles)
 
     def load(self, body, place):
-        """The patch of electrode number `place` as a load along its current normal."""
-        return NormalPatch.of(self.at(place), body)
+        """The patches of electrode number `place` as a load along their current normals."""
+        return NormalPatches.of(self.at(place), body)

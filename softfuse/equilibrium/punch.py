@@ -75,6 +75,11 @@ class PunchContact(AbstractContact):
         """The disc at a location (3,) m."""
         return eqx.tree_at(lambda disc: disc.location, self.disc, place)
 
+    @property
+    def drives(self):
+        """The total force."""
+        return 1
+
     def load(self, body, place):
         """The disc at a location (3,) m as a load."""
         return Punch.of(self.at(place), body)

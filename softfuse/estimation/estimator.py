@@ -28,13 +28,15 @@ class StepSettings:
     """How the steps are run: `steps_per_frame` linearisations, each with `refinements` of its linear solves.
 
     `refresh_contraction` [-]: a first refinement that is not smaller than this part of the solution makes the
-    factor be renewed; `least_volume_ratio` [-]: a state that squeezes an element below this is given up and
-    the body starts from rest.
+    factor be renewed before the next step, `redo_contraction` [-] at once, and this step again;
+    `least_volume_ratio` [-]: a state that squeezes an element below this is given up and the body starts from
+    rest.
     """
 
     steps_per_frame: int = 1
     refinements: int = 2
     refresh_contraction: float = 0.25
+    redo_contraction: float = 0.5
     least_volume_ratio: float = 0.05
 
 
@@ -115,21 +117,26 @@ class Estimator:
         """
         started = time.perf_counter()
         limits = self.limits if limits is None else limits
-        renewed = self._renew
-        if renewed:
-            self._tangent = self._factor(self._arrays, self._state, seen.places)
-        state, report = self._state, None
+        renewed, state, report = False, self._state, None
         for _ in range(self.settings.steps_per_frame):
-            state, report = self._step(self._arrays, limits, self._tangent, state, seen)
+            fresh = self._renew
+            if fresh:
+                self._tangent = self._factor(self._arrays, state, seen.places)
+            after, report = self._step(self._arrays, limits, self._tangent, state, seen)
+            if not float(report.contraction) <= self.settings.redo_contraction and not fresh:
+                fresh = True
+                self._tangent = self._factor(self._arrays, state, seen.places)
+                after, report = self._step(self._arrays, limits, self._tangent, state, seen)
+            # A factor that was just made would not get better by making it again.
+            self._renew = float(report.contraction) > self.settings.refresh_contraction and not fresh
+            state, renewed = after, renewed or fresh
         assert report is not None
-        contraction, least = float(report.contraction), float(report.least_volume_ratio)
-        lost = not (least > self.settings.least_volume_ratio and np.isfinite(contraction))
+        least = float(report.least_volume_ratio)
+        lost = not (least > self.settings.least_volume_ratio and np.isfinite(float(report.contraction)))
         if lost:
             self.reset()
         else:
             self._state = state
-            # A factor that was just made and still contracts badly would not get better by making it again.
-            self._renew = contraction > self.settings.refresh_contraction and not renewed
         return Estimate(
             np.asarray(self._state.drive),
             self._state.z,

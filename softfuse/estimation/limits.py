@@ -11,15 +11,14 @@ class Limits(eqx.Module):
     `lower`, `upper` (D,): of the drives u, equal where a drive is known; `regularisation` ε (D,) [1/drive²];
     `strokes`: lower and upper (D,) of what answers the drives (`AbstractLoad.conjugate`), equal for a hard
     equality such as a cable that is known to be 10 mm shorter, infinite for none; None where there is none at
-    all; `step` (D,): largest change of a drive in one step, by which the whole step is shortened; None for
-    any.
+    all; `motion` [m]: the whole step is shortened so that the drives move no node further; None for any.
     """
 
     lower: Float[Array, " D"]
     upper: Float[Array, " D"]
     regularisation: Float[Array, " D"]
     strokes: tuple[Float[Array, " D"], Float[Array, " D"]] | None = None
-    step: Float[Array, " D"] | None = None
+    motion: Float[Array, ""] | None = None
 
 
 class Rates(eqx.Module):
@@ -44,7 +43,7 @@ def within_rates(
     endless = jnp.full(stroke.shape, jnp.inf)
     low, high = (-endless, endless) if limits.strokes is None else limits.strokes
     narrowed = _reachable(low, high, stroke, rates.stroke * dt_s)
-    return Limits(lower, upper, limits.regularisation, narrowed, limits.step)
+    return Limits(lower, upper, limits.regularisation, narrowed, limits.motion)
 
 
 def _reachable(low: Array, high: Array, now: Array, span: Array) -> tuple[Array, Array]:

@@ -118,8 +118,8 @@ def advance(
         rows = Rows(jax.vmap(turn, 0, 1)(along), *(bound - stroke for bound in limits.strokes))
     low, high = limits.lower - state.drive, limits.upper - state.drive
     change, kkt = solve_bounded_qp(hessian, b, low, high, rows)
-    if limits.step is not None:
-        change = change / jnp.maximum(1.0, jnp.max(jnp.abs(change) / limits.step))
+    if limits.motion is not None:
+        change = change / jnp.maximum(1.0, jnp.max(jnp.abs(dz[moves, 1:] @ change)) / limits.motion)
     after = _moved(settled_at, dz[:, 1:] @ change, dx[:, 1:] @ change)
     after = eqx.tree_at(lambda s: s.drive, after, state.drive + change)
     report = StepReport(

@@ -38,10 +38,10 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """What one frame says of c contacts, k readings and D drives.
+    """What one frame says of c contacts, k readings and what is attached.
 
-    `touching` (c,): what touches; `location_m` (c, 3): where on the body at rest, NaN where unknown; `drive`
-    (D,): forces of the contacts [N], NaN where unknown and 0 where nothing touches, then what the attached
+    `touching` (c,): what touches; `location_m` (c, 3): where on the body at rest, NaN where unknown;
+    `contact_force_N` (c,): NaN where unknown, 0 where nothing touches; `attached` (a,): what the attached
     loads are driven with; `reading`, `sigma` (k,): measured; `misfit` (k,): measured minus modelled, NaN
     without an estimate and where a reading took no part; `details`: the senses' own measurement;
     `latency_s`: wall time of the frame.
@@ -50,7 +50,8 @@ class Tracked:
     time_s: float
     touching: Bool[np.ndarray, " c"]
     location_m: Float[np.ndarray, "c 3"]
-    drive: Float[np.ndarray, " D"]
+    contact_force_N: Float[np.ndarray, " c"]
+    attached: Float[np.ndarray, " a"]
     reading: Float[np.ndarray, " k"]
     sigma: Float[np.ndarray, " k"]
     misfit: Float[np.ndarray, " k"]
@@ -66,14 +67,14 @@ class Tracked:
     @property
     def force_N(self) -> float:
         """Sum of the contacts' forces [N]; NaN when one is unknown."""
-        return float(np.sum(self.drive[: len(self.touching)]))
+        return float(np.sum(self.contact_force_N))
 
     @property
     def centre_m(self) -> Float[np.ndarray, "3"]:
         """Force-weighted middle of the contacts (3,) [m]; their mean without forces, NaN without contacts."""
         if not self.contacts:
             return np.full(3, np.nan)
-        weight = np.where(self.touching, self.drive[: len(self.touching)], 0.0)
+        weight = np.where(self.touching, self.contact_force_N, 0.0)
         weight = weight if weight.sum() > 0 else self.touching.astype(float)
         bearing = weight > 0
         return weight[bearing] @ self.location_m[bearing] / weight[bearing].sum()
@@ -124,6 +125,7 @@ class Tracker:
         self.estimator = Estimator(device, limits, places, steps)
         self.compile_s += self.estimator.compile_s
         self._limits, self._upper = limits, np.asarray(limits.upper)
+        self._split = places.shape[0] * device.contact.drives
         self.reset()
 
     @property
@@ -144,8 +146,7 @@ class Tracker:
         self._memory, sensed = self._sense(self._arrays, self._memory, now, readings)
         sensed: Sensed = jax.device_get(sensed)
         said = [status for status, true in sensed.flags.items() if true]
-        contacts = len(sensed.touching)
-        attached = len(self._upper) > contacts
+        attached = len(self._upper) - self._split
         drive, misfit = np.zeros(len(self._upper)), np.full(sensed.reading.shape, np.nan)
         if not sensed.touching.any():
             said.insert(0, Status.no_contact)
@@ -154,13 +155,13 @@ class Tracker:
             said += doubts
         elif not sensed.touching.any():
             self.estimator.reset()
-        unknown = sensed.touching & ~sensed.pressing
-        drive = np.where(np.append(unknown, np.zeros(len(drive) - contacts, bool)), np.nan, drive)
+        force = drive[: self._split].reshape(len(sensed.touching), -1).sum(axis=1)
         return Tracked(
             frame.time_s,
             sensed.touching,
             sensed.location_m,
-            drive,
+            np.where(sensed.touching & ~sensed.pressing, np.nan, force),
+            drive[self._split :],
             sensed.reading,
             sensed.sigma,
             misfit,
@@ -173,21 +174,28 @@ class Tracker:
         self, sensed: Sensed
     ) -> tuple[Float[np.ndarray, " D"], Float[np.ndarray, " k"], list[Status]]:
         weight = np.where(sensed.valid, 1 / sensed.sigma, 0.0)
-        contacts = len(sensed.pressing)
-        upper = np.append(np.where(sensed.pressing, self._upper[:contacts], 0.0), self._upper[contacts:])
+        allowed = np.ones(len(self._upper), bool)
+        allowed[: self._split] = self._of_contacts(sensed.pressing)
+        upper = np.where(allowed, self._upper, 0.0)
         seen = Observation(jnp.asarray(sensed.reading), jnp.asarray(weight), jnp.asarray(sensed.places))
         found = self.estimator.update(seen, replace(self._limits, upper=jnp.asarray(upper)))
         if found.lost:
-            drive = np.concatenate([np.where(sensed.pressing, np.nan, 0.0), found.drive[contacts:]])
+            drive = np.where(
+                np.arange(len(allowed)) < self._split, np.where(allowed, np.nan, 0.0), found.drive
+            )
             return drive, np.full(weight.shape, np.nan), [Status.inverted]
         misfit = np.where(sensed.valid, found.misfit, np.nan)
         return found.drive, misfit, self._doubts(sensed, found, misfit)
 
+    def _of_contacts(self, flags: Bool[np.ndarray, " c"]) -> Bool[np.ndarray, " d"]:
+        """A flag of each contact for each of its drives (d,)."""
+        return np.repeat(flags, self._split // len(flags))
+
     def _doubts(self, sensed: Sensed, found: Estimate, misfit: Float[np.ndarray, " k"]) -> list[Status]:
-        contacts, doubts = len(sensed.pressing), []
+        doubts = []
         # The cells' forces add up to the limit only up to rounding.
-        at_limit = found.drive[:contacts] >= self._upper[:contacts] * (1 - 1e-9)
-        if np.any(at_limit & sensed.pressing):
+        at_limit = found.drive[: self._split] >= self._upper[: self._split] * (1 - 1e-9)
+        if np.any(at_limit & self._of_contacts(sensed.pressing)):
             doubts.append(Status.force_limit)
         if _poor(sensed, misfit, self.settings.poor_fit):
             doubts.append(Status.poor_fit)

@@ -41,6 +41,10 @@ def _local(corners_and_middles: Float[Array, "a 3"], point: Float[Array, "3"]) -
     return step(local, corners_and_middles, point)
 
 
+_locals = jax.jit(jax.vmap(_local, (0, None)))
+"""ξ (e, 3) of one point (3,) m in each of e elements with rest nodes (e, a, 3) m."""
+
+
 class MaterialPoints(eqx.Module):
     """g points at rest locations (g, 3) m, carried by the nodes (g, a) of the elements (g,) they lie in."""
 
@@ -60,7 +64,7 @@ class MaterialPoints(eqx.Module):
             inside = np.minimum(flat.min(axis=1), 1 - flat.sum(axis=1))
             # An element with curved edges may hold the point although its corners' tetrahedron does not.
             near = np.argsort(-inside)[:8]
-            local = np.asarray(jax.vmap(_local, (0, None))(body.rest[tets[near]], jnp.asarray(point)))
+            local = np.asarray(_locals(rest[tets[near]], point))
             depth = np.minimum(local.min(axis=1), 1 - local.sum(axis=1))
             best = int(np.argmax(depth))
             if not depth[best] >= -_OUTSIDE:

@@ -11,7 +11,9 @@ from softfuse.sensing.status import Status
 def seen(contacts: int, force_N: float) -> Tracked:
     touching, place, nothing = np.array([contacts > 0]), np.zeros((1, 3)), np.zeros(0)
     force = np.array([force_N])
-    return Tracked(0.0, touching, place, force, nothing, nothing, nothing, None, (Status.ok,), latency_s=0.0)
+    return Tracked(
+        0.0, touching, place, force, nothing, nothing, nothing, nothing, None, (Status.ok,), latency_s=0.0
+    )
 
 
 def test_each_touch_keeps_the_shape_at_its_largest_force() -> None:

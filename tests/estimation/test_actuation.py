@@ -51,12 +51,12 @@ def robot() -> Robot:
     )
     tip = int(np.argmin(np.linalg.norm(mesh.nodes - [LENGTH, SIDE, SIDE], axis=1)))
     sensors = tuple(Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
-    sides = np.array([[0.045, SIDE, 0.006], [0.045, 0.006, SIDE]])
+    sides = np.array([[[0.045, SIDE, 0.006]], [[0.045, 0.006, SIDE]]])
     inwards = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
     contact = PatchContact.on(boundary_faces(mesh).faces, sides, inwards, uniform(rings=3, angles=8), 0.003)
     device = Device(body, sensors, contact, Dense.plan(body), (below, left), gauges=(0, 1))
     # A trace of regularisation keeps the cables that no target needs at rest.
-    return Robot(device, Limits(jnp.zeros(2), jnp.full(2, 20.0), jnp.full(2, 1e-9), step=jnp.full(2, 0.2)))
+    return Robot(device, Limits(jnp.zeros(2), jnp.full(2, 20.0), jnp.full(2, 1e-9), motion=jnp.array(3e-3)))
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +143,7 @@ def test_pushes_on_two_sides_are_told_apart(robot: Robot) -> None:
     """Two contacts along the current normals and no cable: the tip's coordinates tell both."""
     device, places = robot.device, jnp.array([0, 1])
     true = jnp.array([0.25, 0.15, 0.0, 0.0])
-    limits = Limits(jnp.zeros(4), jnp.array([5.0, 5.0, 0.0, 0.0]), jnp.full(4, 1e-9), step=jnp.full(4, 0.05))
+    limits = Limits(jnp.zeros(4), jnp.array([5.0, 5.0, 0.0, 0.0]), jnp.full(4, 1e-9), motion=jnp.array(3e-3))
 
     @eqx.filter_jit
     def found(device):
