@@ -95,11 +95,24 @@ class GasSettings(Settings):
 
 
 class ElectrodePlace(Settings):
-    """An electrode on the surface: its middle (3,) m and the direction (3,) from there into the body."""
+    """An electrode on the surface: its middle (3,) m and the direction (3,) from there into the body.
+
+    span (3,) m: between the outermost places where a contact on it may press; 0 for its middle only.
+    """
 
     name: str
     centre: Vector
     direction: Direction
+    span: Vector = (0.0, 0.0, 0.0)
+
+    @property
+    def middles(self) -> tuple[Vector, ...]:
+        """Middles (c, 3) m of the patches whose forces stand for one anywhere between them."""
+        if self.span == (0.0, 0.0, 0.0):
+            return (self.centre,)
+        x, y, z = self.centre
+        dx, dy, dz = (0.5 * extent for extent in self.span)
+        return (x - dx, y - dy, z - dz), (x + dx, y + dy, z + dz)
 
 
 class PointSettings(Settings):

@@ -56,17 +56,18 @@ def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Device
 
 def _check_electrodes(config: DeviceConfig, contact: PatchContact, body: Body) -> None:
     def landed(place):
-        patch = contact.at(place)
-        on = patch.surface.land(body.rest, patch.location[None])
-        apart = jnp.linalg.norm(on.shape[0] @ body.rest[on.nodes[0]] - patch.location)
-        return on.met[0] & (apart <= patch.radius)
+        patches = contact.at(place)
+        middles = jnp.stack([patch.location for patch in patches])
+        on = patches[0].surface.land(body.rest, middles)
+        apart = jnp.linalg.norm(jnp.einsum("ps,psi->pi", on.shape, body.rest[on.nodes]) - middles, axis=1)
+        return jnp.all(on.met & (apart <= contact.radius))
 
     on_surface = np.asarray(jax.vmap(landed)(jnp.arange(len(config.electrodes))))
     if not on_surface.all():
         k = int(np.argmin(on_surface))
         raise ConfigError(
             f'{config.path}: electrode[{k}].centre: "{config.electrodes[k].name}" is not within '
-            "contact.radius of where its direction enters the body: move it onto the surface, or turn its "
+            "contact.radius of where its direction enters the body: move it onto the surface, or turn the "
             "direction"
         )
 
@@ -82,13 +83,15 @@ def with_contact_model(device: Device, model: str) -> Device:
 
 
 def build_limits(config: DeviceConfig, contacts: int) -> Limits:
-    """Bounds and regularisation of the estimate with so many contacts, then cables, then sealed cavities.
+    """Bounds and regularisation of the estimate with the forces of so many contacts, then cables, then sealed
+    cavities.
 
     Forces lie between 0 and max_force, tensions between 0 and max_tension; the gas that was sealed in stays.
     """
     if config.contact is None:
         raise ConfigError(f"{config.path}: contact: missing, its max_force bounds the estimate")
-    upper = [config.contact.max_force] * contacts + [cable.max_tension for cable in config.cables]
+    forces = contacts * config.contact.forces(config.electrodes)
+    upper = [config.contact.max_force] * forces + [cable.max_tension for cable in config.cables]
     lower = [0.0] * len(upper)
     damping = [config.estimator.regularisation] * len(upper)
     if config.gas is not None:
@@ -96,12 +99,21 @@ def build_limits(config: DeviceConfig, contacts: int) -> Limits:
         lower, upper = lower + filling, upper + filling
         # Like SealedGas, count a thousandth of the atmosphere as a newton.
         damping += [config.estimator.regularisation / (1e-3 * pascal) ** 2 for pascal in filling]
-    return Limits(jnp.array(lower, float), jnp.array(upper, float), jnp.array(damping, float))
+    motion = config.estimator.largest_motion
+    return Limits(
+        jnp.array(lower, float),
+        jnp.array(upper, float),
+        jnp.array(damping, float),
+        motion=None if motion is None else jnp.asarray(motion),
+    )
 
 
 def build_rates(config: DeviceConfig, contacts: int) -> Rates:
     """How fast the drives of `build_limits` and what answers them may change: limited for cables only."""
-    before, after = [np.inf] * contacts, [np.inf] * (0 if config.gas is None else len(config.cavities))
+    if config.contact is None:
+        raise ConfigError(f"{config.path}: contact: missing, needed to know the drives of the estimate")
+    before = [np.inf] * (contacts * config.contact.forces(config.electrodes))
+    after = [np.inf] * (0 if config.gas is None else len(config.cavities))
     tension = [np.inf if cable.tension_rate is None else cable.tension_rate for cable in config.cables]
     length = [np.inf if cable.length_rate is None else cable.length_rate for cable in config.cables]
     return Rates(*(jnp.array([*before, *cables, *after], float) for cables in (tension, length)))

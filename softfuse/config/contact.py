@@ -42,8 +42,12 @@ class ContactSettings(Settings):
         """The contact on the outward faces (f, s) of a body with nodes at `rest` (k, 3) m and electrodes."""
 
     @abstractmethod
-    def check_electrodes(self, count: int) -> None:
-        """Raise the error of a validator when so many [[electrode]] do not suit the contact."""
+    def check_electrodes(self, electrodes: Sequence[ElectrodePlace]) -> None:
+        """Raise the error of a validator when the [[electrode]] do not suit the contact."""
+
+    @abstractmethod
+    def forces(self, electrodes: Sequence[ElectrodePlace]) -> int:
+        """With how many forces one contact is driven."""
 
 
 class DiscSettings(ContactSettings):
@@ -63,8 +67,13 @@ class DiscSettings(ContactSettings):
         surface = ContactSurface.facing(faces, rest, np.array(self.direction))
         return PunchContact(Contact(surface, self.cells(), jnp.zeros(3), jnp.asarray(self.radius)))
 
-    def check_electrodes(self, count):
+    def check_electrodes(self, electrodes):
         """A disc needs none."""
+
+    def forces(self, electrodes):
+        """The total one."""
+        del electrodes
+        return 1
 
 
 class PunchSettings(DiscSettings):
@@ -93,24 +102,28 @@ _PATCH_RINGS, _PATCH_ANGLES = 3, 12
 
 
 class PatchSettings(ContactSettings):
-    """Patches at the electrodes, pressed along their current normals; at most max_contacts at once."""
+    """Patches at the electrodes, pressed along their current normals; at most max_contacts at once.
+
+    max_force bounds the force on each patch.
+    """
 
     model: Literal["patch"]
     max_contacts: PositiveInteger
 
     def contact(self, faces, rest, electrodes):
-        """One patch for each electrode, on whatever face it lies."""
+        """The patches of each electrode, on whatever face it lies."""
         del rest
         return PatchContact.on(
-            jnp.asarray(faces),
-            jnp.array([electrode.centre for electrode in electrodes]),
-            jnp.array([electrode.direction for electrode in electrodes]),
+            faces,
+            np.array([electrode.middles for electrode in electrodes]),
+            np.array([electrode.direction for electrode in electrodes]),
             uniform(rings=_PATCH_RINGS, angles=_PATCH_ANGLES),
             self.radius,
         )
 
-    def check_electrodes(self, count):
-        """Contacts are at electrodes, so there are not more of them."""
+    def check_electrodes(self, electrodes):
+        """Contacts are at electrodes, so there are not more of them; all have as many patches."""
+        count = len(electrodes)
         if not count:
             raise wrong_value(
                 "a patch is pressed where an electrode is: add [[electrode]] with name, centre and direction",
@@ -122,6 +135,14 @@ class PatchSettings(ContactSettings):
                 f"give a number from 1 to {count}",
                 key="contact.max_contacts",
             )
+        first = self.forces(electrodes)
+        for k, electrode in enumerate(electrodes):
+            if len(electrode.middles) != first:
+                raise wrong_value("give a span to all electrodes or to none", key=f"electrode[{k}].span")
+
+    def forces(self, electrodes):
+        """One on each patch of an electrode."""
+        return len(electrodes[0].middles)
 
 
 AnyContact = Annotated[PunchSettings | UniformSettings | PatchSettings, Field(discriminator="model")]

@@ -15,7 +15,7 @@ from softfuse.config.attached import (
 )
 from softfuse.config.body import BodySettings
 from softfuse.config.contact import AnyContact, PatchSettings
-from softfuse.config.quantity import Number, PositiveInteger, PositiveNumber, wrong_value
+from softfuse.config.quantity import Number, PositiveInteger, PositiveLength, PositiveNumber, wrong_value
 from softfuse.config.sensor_set import SensorSettings
 from softfuse.config.settings import FileSettings, Settings, Vector
 
@@ -34,14 +34,16 @@ class CavitySettings(Settings):
 
 
 class EstimatorSettings(Settings):
-    """Estimate step: linearisations per frame, ε [1/N²] of ε‖ΔF‖² in the cost, doubted misfit.
+    """Estimate step: linearisations per frame, ε [1/N²] of ε‖ΔF‖² in the cost, doubted misfit, longest step.
 
-    poor_fit: a largest misfit above this part of the largest volume change is flagged.
+    poor_fit: a largest misfit above this part of the largest reading is flagged; largest_motion in m: a step
+    that would move a node further is shortened, None for any.
     """
 
     steps_per_frame: PositiveInteger = 1
     regularisation: Annotated[Number, Ge(0)] = 1e-6
     poor_fit: PositiveNumber = 0.25
+    largest_motion: PositiveLength | None = None
 
 
 class DeviceConfig(FileSettings):
@@ -72,7 +74,7 @@ class DeviceConfig(FileSettings):
         if self.gas is not None:
             self.gas.check_cavities(len(self.cavities))
         if self.contact is not None:
-            self.contact.check_electrodes(len(self.electrodes))
+            self.contact.check_electrodes(self.electrodes)
         return self
 
     @model_validator(mode="after")

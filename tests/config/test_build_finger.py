@@ -4,7 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -23,12 +22,15 @@ from softfuse.equilibrium.patch import PatchContact
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.functional.cavity import Cavity
+from softfuse.functional.contact import Contact
+from softfuse.mesh.surface import outer_surface
 from softfuse.sensing import electrode_detector, mpx5100a, mpx5100d
 
 Write = Callable[..., Path]
 Edited = Callable[..., DeviceConfig]
 
 CONFIGS = Path(__file__).parents[2] / "configs"
+FRAME = eqx.filter_jit(Contact.frame)
 COARSE = (
     ('wall_size = "10 mm"', 'wall_size = "20 mm"'),
     ('base_size = "12 mm"', 'base_size = "30 mm"'),
@@ -113,14 +115,39 @@ def test_each_cavity_may_have_its_own_dead_volume(edited: Edited, device: Device
     assert float(loaded.exponent) == 1.4
 
 
+def _check_frames(contact: PatchContact, device: Device, config: DeviceConfig) -> None:
+    for k, electrode in enumerate(config.electrodes):
+        for patch, middle in zip(contact.at(jnp.asarray(k)), electrode.middles, strict=True):
+            frame = np.asarray(FRAME(patch, device.body)[0])
+            np.testing.assert_allclose(frame[:3], middle, atol=1e-12)
+            np.testing.assert_allclose(np.cross(frame[3:6], frame[6:9]), electrode.direction, atol=1e-12)
+
+
 def test_patches_are_on_the_electrodes_and_press_inwards(config: DeviceConfig, device: Device) -> None:
     contact = device.contact
     assert isinstance(contact, PatchContact)
-    frames = jax.vmap(lambda k: contact.at(k).frame(device.body)[0])(jnp.arange(12))
-    for frame, electrode in zip(np.asarray(frames), config.electrodes, strict=True):
-        np.testing.assert_allclose(frame[:3], electrode.centre, atol=1e-12)
-        np.testing.assert_allclose(np.cross(frame[3:6], frame[6:9]), electrode.direction, atol=1e-12)
+    assert (contact.location.shape, contact.drives) == ((12, 1, 3), 1)
     assert float(contact.radius) == 4e-3
+    _check_frames(contact, device, config)
+
+
+def test_a_contact_may_press_at_both_ends_of_an_electrode(
+    edited: Edited, finger_text: str, mesh: DeviceMesh, device: Device
+) -> None:
+    old = finger_text[finger_text.index("[[electrode]]") : finger_text.index("[[point]]")]
+    spanned = old.replace("direction =", 'span = ["10 mm", "0 mm", "0 mm"]\ndirection =')
+    two = edited((old, spanned))
+    assert two.electrodes[0].middles == (pytest.approx((0.007, 0, 0)), pytest.approx((0.017, 0, 0)))
+    assert two.contact is not None
+    contact = two.contact.contact(outer_surface(mesh.mesh).faces, mesh.mesh.nodes, two.electrodes)
+    assert isinstance(contact, PatchContact)
+    assert (contact.location.shape, contact.drives) == ((12, 2, 3), 2)
+    _check_frames(contact, device, two)
+    np.testing.assert_allclose(build_limits(two, 2).upper, [*[5.0] * 4, 20.0, *[101325.0] * 6])
+    assert build_rates(two, 2).drive.shape == (11,)
+    one = spanned.replace('span = ["10 mm", "0 mm", "0 mm"]\n', "", 1)
+    with pytest.raises(ConfigError, match=r"electrode\[1\].span: give a span to all electrodes or to none"):
+        edited((old, one))
 
 
 def test_limits_are_those_of_contacts_cables_and_gas(config: DeviceConfig, device: Device) -> None:
