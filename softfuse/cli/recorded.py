@@ -19,16 +19,13 @@ def sensor_columns(config: DeviceConfig) -> list[str]:
     """The columns of a recording that the device's sensors write; raises ConfigError when it has none."""
     if config.sensors is None:
         raise ConfigError(f"{config.path}: sensors: missing, needed to estimate from a recording")
-    array = config.sensors.capacitive
-    return [*config.sensors.flow.channels, *array.row_channels, *array.column_channels]
+    return list(config.sensors.channels)
 
 
 def sensor_frames(config: DeviceConfig, recording: Recording) -> list[Frame]:
     """The recording's frames with the readings in the order of the sensors."""
     assert config.sensors is not None  # sensor_columns has told
-    array = config.sensors.capacitive
-    channels = (config.sensors.flow.channels, array.row_channels, array.column_channels)
-    groups = zip(*(recording.matrix(names) for names in channels), strict=True)
+    groups = zip(*(unit * recording.matrix(names) for names, unit in config.sensors.groups), strict=True)
     return [Frame(at, readings) for at, readings in zip(recording.time_s, groups, strict=True)]
 
 

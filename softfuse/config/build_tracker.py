@@ -3,14 +3,62 @@
 import jax.numpy as jnp
 
 from softfuse.config.build_device import build_limits, build_step_settings
+from softfuse.config.build_finger_sensors import build_finger_sensors
 from softfuse.config.build_sensors import build_sensors
-from softfuse.config.contact import DiscSettings
+from softfuse.config.contact import DiscSettings, PatchSettings
 from softfuse.config.device import DeviceConfig
+from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.estimation.tracker import Tracker, TrackerSettings
+from softfuse.sensing.finger_senses import FingerSenses
 from softfuse.sensing.pad_senses import PadSenses, fitted_location, mean_location
+from softfuse.sensing.senses import AbstractSenses
 
 _LOCATE = {"peak-fit": fitted_location, "weighted-mean": mean_location}
+
+
+def build_senses(config: DeviceConfig) -> AbstractSenses:
+    """The config's sensors, in the terms of the estimator.
+
+    Raises ConfigError when it has no sensors, or a contact that they cannot find.
+    """
+    if config.sensors is None:
+        raise ConfigError(f"{config.path}: sensors: missing, needed to estimate from a recording")
+    return _finger_senses(config) if config.sensors.vented is None else _pad_senses(config)
+
+
+def _pad_senses(config: DeviceConfig) -> PadSenses:
+    sensors = build_sensors(config)
+    assert config.sensors is not None
+    if not isinstance(config.contact, DiscSettings):
+        raise ConfigError(
+            f'{config.path}: contact.model: crossed electrodes find a "punch" or "uniform" disc'
+        )
+    workspace = config.contact.workspace
+    low_high = jnp.stack([jnp.asarray(workspace.x), jnp.asarray(workspace.y)], axis=1)
+    return PadSenses(sensors, low_high, _LOCATE[config.sensors.capacitive.location])
+
+
+def _finger_senses(config: DeviceConfig) -> FingerSenses:
+    pressure, electrodes = build_finger_sensors(config)
+    assert config.sensors is not None
+    if not isinstance(config.contact, PatchSettings):
+        raise ConfigError(f'{config.path}: contact.model: single electrodes need the model "patch"')
+    lengths = config.sensors.cable
+    # Noise and slack of lengths that nobody measures do not matter.
+    noise, slack = (lengths.noise, lengths.slack) if lengths else (1.0, 1.0)
+    cables = jnp.ones(len(config.cables))
+    return FingerSenses(
+        pressure,
+        electrodes,
+        jnp.array([electrode.centre for electrode in config.electrodes]),
+        cable_sigma_m=noise * cables,
+        slack_m=slack * cables,
+        average_s=jnp.asarray(config.sensors.pressure.average),
+        contacts=config.contact.max_contacts,
+        supplies=0 if config.sensors.pressure.supply_channel is None else 1,
+        lengths=len(lengths.channels) if lengths else 0,
+    )
 
 
 def build_tracker(config: DeviceConfig, device: Device) -> Tracker:
@@ -18,14 +66,8 @@ def build_tracker(config: DeviceConfig, device: Device) -> Tracker:
 
     Raises ConfigError when the config has no sensors or no contact.
     """
-    sensors = build_sensors(config)
-    disc = config.contact
-    assert isinstance(disc, DiscSettings) and config.sensors is not None  # or there were no sensors built
-    workspace = disc.workspace
-    senses = PadSenses(
-        sensors,
-        jnp.stack([jnp.asarray(workspace.x), jnp.asarray(workspace.y)], axis=1),
-        _LOCATE[config.sensors.capacitive.location],
-    )
+    senses = build_senses(config)
+    contacts = senses.contacts if isinstance(senses, FingerSenses) else 1
+    limits = build_limits(config, contacts)
     settings = TrackerSettings(config.estimator.poor_fit)
-    return Tracker(senses, device, build_limits(config, 1), settings, build_step_settings(config))
+    return Tracker(senses, device, limits, settings, build_step_settings(config))

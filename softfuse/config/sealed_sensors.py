@@ -82,11 +82,6 @@ class PressureSettings(Settings):
     tare: TareSettings = TareSettings()
     leak: LeakSettings = LeakSettings()
 
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """All columns that they write in."""
-        return self.channels if self.supply_channel is None else (*self.channels, self.supply_channel)
-
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.low >= self.high:

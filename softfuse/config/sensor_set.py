@@ -63,18 +63,28 @@ class SensorSettings(FileSettings):
         return {fields[name].alias or name for name in fields if getattr(self, name) is not None}
 
     @property
-    def channels(self) -> tuple[str, ...]:
-        """Columns that a recording must have, time apart: flow, rows, columns, or pressures, supply,
-        electrodes; then cables.
+    def groups(self) -> tuple[tuple[tuple[str, ...], float], ...]:
+        """Columns of each group of readings in the order of the device's senses, and their unit in SI.
+
+        Flow [V], rows and columns [counts]; or pressures [V], their supply [V], electrodes [counts], cables,
+        which are recorded in mm.
         """
-        given = (
-            self.vented.channels if self.vented else (),
-            (*self.crossed.row_channels, *self.crossed.column_channels) if self.crossed else (),
-            self.sealed.columns if self.sealed else (),
-            self.single.channels if self.single else (),
-            self.cable.channels if self.cable else (),
+        if self.vented:
+            crossed = self.capacitive
+            return (self.vented.channels, 1.0), (crossed.row_channels, 1.0), (crossed.column_channels, 1.0)
+        supply = self.pressure.supply_channel
+        cables = self.cable.channels if self.cable else ()
+        return (
+            (self.pressure.channels, 1.0),
+            (() if supply is None else (supply,), 1.0),
+            (self.electrodes.channels, 1.0),
+            (cables, 1e-3),
         )
-        return tuple(name for names in given for name in names)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Columns that a recording must have, time apart."""
+        return tuple(name for names, _ in self.groups for name in names)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -39,12 +39,13 @@ def within_rates(
 
     Where the bounds themselves cannot be reached in that time, the nearest reachable value is what is left.
     """
-    lower, upper = _reachable(limits.lower, limits.upper, drive, rates.drive * dt_s)
+    lower, upper = _reachable(limits.lower, limits.upper, drive, rates.drive, dt_s)
     endless = jnp.full(stroke.shape, jnp.inf)
     low, high = (-endless, endless) if limits.strokes is None else limits.strokes
-    narrowed = _reachable(low, high, stroke, rates.stroke * dt_s)
+    narrowed = _reachable(low, high, stroke, rates.stroke, dt_s)
     return Limits(lower, upper, limits.regularisation, narrowed, limits.motion)
 
 
-def _reachable(low: Array, high: Array, now: Array, span: Array) -> tuple[Array, Array]:
+def _reachable(low: Array, high: Array, now: Array, rate: Array, dt_s: Array) -> tuple[Array, Array]:
+    span = jnp.where(jnp.isinf(rate), jnp.inf, rate * dt_s)  # also within no time
     return jnp.clip(low, now - span, now + span), jnp.clip(high, now - span, now + span)

@@ -49,11 +49,13 @@ class FingerSenseState(eqx.Module):
 
 
 class FingerSenses(AbstractSenses):
-    """Pressure sensors, electrodes and cable lengths; groups of readings: pressures [V], electrodes [counts],
-    cables [m].
+    """Pressure sensors, electrodes and cable lengths; groups of readings: pressures [V], their supply [V],
+    electrodes [counts], cables [m].
 
     `middle_m` (n, 3): of the electrodes on the body at rest; `cable_sigma_m` (b,): noise of the lengths;
-    `slack_m` (b,): a cable that is shorter by less leaves the finger at rest; `contacts`: followed at once.
+    `slack_m` (b,): a cable that is shorter by less leaves the finger at rest; `contacts`: followed at once;
+    `supplies`: 1 when the supply is measured, 0 when it is the nominal one; `lengths`: b when the cables'
+    lengths are measured, else 0.
     """
 
     pressure: PressureSensor
@@ -63,11 +65,13 @@ class FingerSenses(AbstractSenses):
     slack_m: Float[Array, " b"]
     average_s: Float[Array, ""]
     contacts: int = eqx.field(static=True)
+    supplies: int = eqx.field(static=True)
+    lengths: int = eqx.field(static=True)
 
     @property
     def channels(self):
-        """Cavities, electrodes, cables."""
-        return self.pressure.offset.shape[0], self.middle_m.shape[0], self.cable_sigma_m.shape[0]
+        """Cavities, supplies, electrodes, cables."""
+        return self.pressure.offset.shape[0], self.supplies, self.middle_m.shape[0], self.lengths
 
     def init(self):
         """State before the first frame; the finger is taken to be untouched."""
@@ -83,8 +87,11 @@ class FingerSenses(AbstractSenses):
         )
 
     def update(self, state, time_s, readings):
-        """One frame of pressures (k,) [V], electrodes (n,) [counts] and cables (b,) [m]."""
-        volts, counts, cable = readings
+        """One frame of pressures (k,) and supply (0 or 1,) [V], electrodes (n,) [counts], cables (b,) [m]."""
+        volts, supply, counts, cable = readings
+        measured = jnp.append(supply, jnp.nan)[0]
+        length_lost = jnp.any(~jnp.isfinite(cable))
+        cable = cable if self.lengths else jnp.full(self.cable_sigma_m.shape, jnp.nan)
         started = jnp.isfinite(state.time_s)
         forward = jnp.isfinite(time_s) & (time_s > state.time_s)
         now = jnp.where(forward, time_s, state.time_s)
@@ -94,7 +101,7 @@ class FingerSenses(AbstractSenses):
         pulled = jnp.any(jnp.where(jnp.isfinite(cable), jnp.abs(cable) > self.slack_m, False))
         resting = ~jnp.any(touch.near) & ~pulled
         pressure_state, pressure = pressure_update(
-            self.pressure, state.pressure, dt, volts, jnp.array(jnp.nan), resting
+            self.pressure, state.pressure, dt, volts, measured, resting
         )
         mean, known, sigma = self._averaged(state, dt, pressure)
         places, pressing = _places(state, touch)
@@ -104,7 +111,7 @@ class FingerSenses(AbstractSenses):
             Status.pressure_missing: jnp.any(pressure.missing),
             Status.pressure_range: jnp.any(pressure.out_of_range),
             Status.leak: jnp.any(pressure.leaking),
-            Status.cable_missing: jnp.any(~jnp.isfinite(cable)),
+            Status.cable_missing: length_lost,
             Status.electrode_lost: jnp.any(touch.lost | touch.missing),
         }
         length_known = jnp.isfinite(cable)
