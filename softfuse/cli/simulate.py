@@ -14,6 +14,7 @@ from softfuse.cli.terminal import Quiet, busy, stdout
 from softfuse.config import load
 from softfuse.config.build_device import build_device, with_contact_model
 from softfuse.config.build_mesh import build_mesh
+from softfuse.equilibrium.punch import PunchContact
 from softfuse.equilibrium.solution import RESULTS
 from softfuse.errors import SoftfuseError, SolveError
 from softfuse.estimation.device import Device
@@ -95,6 +96,8 @@ def parse_location(text: str) -> np.ndarray:
 
 def check_on_body(device: Device, location: np.ndarray) -> None:
     """Raise SoftfuseError unless the whole disc stands on the body."""
+    if not isinstance(device.contact, PunchContact):
+        raise SoftfuseError("this device is pressed at its electrodes, not at any place by a disc")
     disc = device.contact.at(jnp.asarray(location))
     if float(disc.overlap(device.body)) < 1.0:
         points = np.asarray(device.body.rest)[np.unique(disc.surface.faces)]

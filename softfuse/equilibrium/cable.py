@@ -42,11 +42,6 @@ class PulledCable(AbstractLoad):
         return cls(ports, jnp.asarray(pulled_at, float), jnp.asarray(friction, float))
 
     @property
-    def rest_length(self) -> Float[Array, ""]:
-        """ℓ₀ [m] on the body at rest."""
-        return length(self.ports.points.location, self.pulled_at)
-
-    @property
     def sizes(self):
         """Three ports and forces for each guide; the tension."""
         count = 3 * self.ports.points.nodes.shape[0]
@@ -68,35 +63,33 @@ class PulledCable(AbstractLoad):
     def conjugate(self, force, internal, y):
         """δ_c = ℓ₀ − ℓ (1,) [m]: by how much the cable has become shorter."""
         del force, internal
-        return (self.rest_length - length(y.reshape(-1, 3), self.pulled_at))[None]
+        return (_rest_length(self) - length(y.reshape(-1, 3), self.pulled_at))[None]
 
 
 class ShortenedCable(AbstractLoad):
     """A cable of given shortening δ [m], with the tension as internal unknown.
 
-    `compliance` c [m/N]: of the cable itself; `stiffness` [N/m]: weighs lengths against tensions and does not
-    move the solution.
+    `pulled_at`, `friction`: as of `PulledCable`; `compliance` c [m/N]: of the cable itself; `stiffness` [N/m]:
+    weighs lengths against tensions and does not move the solution.
     """
 
-    cable: PulledCable
+    ports: PointPorts
+    pulled_at: Float[Array, "3"]
+    friction: Float[Array, ""]
     compliance: Float[Array, ""]
     stiffness: Float[Array, ""]
 
     @classmethod
     def of(cls, cable: PulledCable, body: Body, *, compliance: float = 0.0) -> "ShortenedCable":
         """The same cable, taut without tension on the body at rest."""
-        stiffness = jax.lax.stop_gradient(body.pressure_unit * cable.rest_length)
-        return cls(cable, jnp.asarray(compliance, float), stiffness)
-
-    @property
-    def ports(self) -> PointPorts:
-        """Those of the cable."""
-        return self.cable.ports
+        stiffness = jax.lax.stop_gradient(body.pressure_unit * _rest_length(cable))
+        own = jnp.asarray(compliance, float)
+        return cls(cable.ports, cable.pulled_at, cable.friction, own, stiffness)
 
     @property
     def sizes(self):
         """Three ports and forces for each guide; the tension; the shortening."""
-        count = self.cable.sizes.forces
+        count = 3 * self.ports.points.nodes.shape[0]
         return Sizes(ports=count, forces=count, internal=1, drives=1)
 
     def start(self):
@@ -109,13 +102,18 @@ class ShortenedCable(AbstractLoad):
 
     def equations(self, force, internal, y, drive):
         """The forces of the tension (3 g,) [N], then its complementarity with the slack [N]."""
-        shorter = self.cable.conjugate(force, internal, y)[0]
-        slack = self.stiffness * (shorter - drive[0] + self.compliance * internal[0])
-        taut = internal[0] - slack > 0
-        law = self.cable.equations(force, internal, y, internal)
-        return jnp.append(law, jnp.where(taut, slack, internal[0]))
+        guides, tension = y.reshape(-1, 3), internal[0]
+        shorter = _rest_length(self) - length(guides, self.pulled_at)
+        slack = self.stiffness * (shorter - drive[0] + self.compliance * tension)
+        law = force - guide_forces(guides, self.pulled_at, tension, self.friction).ravel()
+        return jnp.append(law, jnp.where(tension - slack > 0, slack, tension))
 
     def conjugate(self, force, internal, y):
         """The tension (1,) [N]."""
         del force, y
         return internal
+
+
+def _rest_length(cable: PulledCable | ShortenedCable) -> Float[Array, ""]:
+    """ℓ₀ [m] on the body at rest."""
+    return length(cable.ports.points.location, cable.pulled_at)

@@ -34,7 +34,7 @@ def slopes(
 ) -> Slopes:
     """The derivatives of the laws at forces and internal unknowns x, ports' values y (P,), drives (D,)."""
     (by_force, by_internal), by_y, by_drive = jax.jacfwd(
-        lambda x, y, u: loads.equations(*x, y, u), argnums=(0, 1, 2)
+        lambda x, y, u: loads.equations(x[0], x[1], y, u), argnums=(0, 1, 2)
     )(x, y, drive)
     return Slopes(jnp.concatenate([by_force, by_internal], axis=1), by_y, by_drive)
 

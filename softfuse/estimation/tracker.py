@@ -144,7 +144,7 @@ class Tracker:
         readings = tuple(jnp.asarray(group, float) for group in frame.readings)
         now = jnp.asarray(frame.time_s, float)
         self._memory, sensed = self._sense(self._arrays, self._memory, now, readings)
-        sensed: Sensed = jax.device_get(sensed)
+        sensed = jax.tree.map(np.asarray, sensed)
         said = [status for status, true in sensed.flags.items() if true]
         attached = len(self._upper) - self._split
         drive, misfit = np.zeros(len(self._upper)), np.full(sensed.reading.shape, np.nan)
@@ -158,12 +158,12 @@ class Tracker:
         force = drive[: self._split].reshape(len(sensed.touching), -1).sum(axis=1)
         return Tracked(
             frame.time_s,
-            sensed.touching,
-            sensed.location_m,
+            np.asarray(sensed.touching),
+            np.asarray(sensed.location_m),
             np.where(sensed.touching & ~sensed.pressing, np.nan, force),
             drive[self._split :],
-            sensed.reading,
-            sensed.sigma,
+            np.asarray(sensed.reading),
+            np.asarray(sensed.sigma),
             misfit,
             sensed.details,
             tuple(said) or (Status.ok,),
@@ -175,7 +175,7 @@ class Tracker:
     ) -> tuple[Float[np.ndarray, " D"], Float[np.ndarray, " k"], list[Status]]:
         weight = np.where(sensed.valid, 1 / sensed.sigma, 0.0)
         allowed = np.ones(len(self._upper), bool)
-        allowed[: self._split] = self._of_contacts(sensed.pressing)
+        allowed[: self._split] = self._of_contacts(np.asarray(sensed.pressing))
         upper = np.where(allowed, self._upper, 0.0)
         seen = Observation(jnp.asarray(sensed.reading), jnp.asarray(weight), jnp.asarray(sensed.places))
         found = self.estimator.update(seen, replace(self._limits, upper=jnp.asarray(upper)))
@@ -195,7 +195,7 @@ class Tracker:
         doubts = []
         # The cells' forces add up to the limit only up to rounding.
         at_limit = found.drive[: self._split] >= self._upper[: self._split] * (1 - 1e-9)
-        if np.any(at_limit & self._of_contacts(sensed.pressing)):
+        if np.any(at_limit & self._of_contacts(np.asarray(sensed.pressing))):
             doubts.append(Status.force_limit)
         if _poor(sensed, misfit, self.settings.poor_fit):
             doubts.append(Status.poor_fit)

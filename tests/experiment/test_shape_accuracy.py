@@ -8,7 +8,7 @@ from softfuse.experiment.shape_accuracy import ShapeSamples, position_table
 
 @pytest.fixture
 def samples() -> ShapeSamples:
-    """Four rows of two points: errors of 1 and 2 mm without the cable, 3 and 4 mm with it, one row unknown."""
+    """Rows of two points: 1 and 2 mm off without the cable, 3 and 4 mm with it, one row unknown."""
     true = np.zeros((5, 2, 3))
     found = true.copy()
     found[:2] += 1e-3 * np.array([[1.0, 0, 0], [0, 2.0, 0]])
