@@ -1,8 +1,8 @@
 """Recordings of a virtual finger that is pushed sideways: material for Table III of Navarro et al. 2020.
 
-The finger (`virtual_finger`) is not the estimator's model; the tips are rigid, the contact frictionless.
-Columns, k the cavity in the order of the drawing, e the electrode (segment 0 palm, left, right, segment 1
-...), j the point, c = 0, 1 the tip:
+The finger (`virtual_finger`) is not the estimator's model; the tips are rigid and round, the contact has no
+friction. Columns, k the cavity in the order of the drawing, e the electrode (segment 0 palm, left, right,
+segment 1 ...), j the point, c = 0, 1 the tip:
 
 | column | what |
 |---|---|
@@ -13,7 +13,7 @@ Columns, k the cavity in the order of the drawing, e the electrode (segment 0 pa
 | `press` | number of the push, from 0 |
 | `sample` | 1, 2 ... where the first, second ... depth is held; in a push without tips 1 where the cable is |
 | `true_p{j}_x_mm`, `_y_`, `_z_` | where the points are that rest at `FingerSettings.points` |
-| `true_force{c}_N` | force of a tip, 0 where there is none |
+| `true_force{c}_N` | magnitude of a tip's force, 0 where there is none |
 | `true_contact{c}_x_mm`, `_y_`, `_z_` | its centre of pressure; without force the middle of the patch |
 | `true_contact{c}_electrode` | electrode that the tip faces, -1 where there is no tip |
 | `true_depth_mm` | of the tips beyond first contact; negative before |
@@ -30,6 +30,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from softfuse.body.body import Body
+from softfuse.equilibrium.linear_solver import AbstractLinearSolver
+from softfuse.equilibrium.multifrontal import Multifrontal
 from softfuse.errors import RecordingError
 from softfuse.experiment.finger_electronics import Electronics, Readings, readings
 from softfuse.experiment.finger_motion import Motion, Timing, motion
@@ -74,18 +77,24 @@ class BedSettings:
 
 
 def write_finger_recording(
-    path: str | Path, settings: BedSettings, *, solved: Callable[[], None] | None = None
+    path: str | Path,
+    settings: BedSettings,
+    *,
+    plan: Callable[[Body], AbstractLinearSolver] = Multifrontal.plan,
+    solved: Callable[[], None] | None = None,
 ) -> None:
     """Push on a virtual finger and write the recording to path, compressed when that ends in .gz.
 
-    `solved` is called after each of `settings.equilibria`. Raises ConfigError, MeshError or SolveError for a
-    finger or a push that cannot be, RecordingError when the file cannot be written.
+    plan: of the linear solver; `solved` is called after each of `settings.equilibria`. Raises ConfigError,
+    MeshError or SolveError for a finger or a push that cannot be, RecordingError when the file cannot be
+    written.
     """
     finger = virtual_finger(settings.finger)
-    solver = FingerSolver(finger, settings.steps)
+    solver = FingerSolver(finger, settings.steps, plan=plan)
     passed = [(push, solver.poses(push, solved=solved)) for push in settings.pushes]
     moved = motion(passed, settings.timing)
-    read = readings(settings.electronics, moved.time, moved.poses, settings.finger.tip_radius)
+    radius, half = settings.finger.tip_radius, settings.finger.electrode_half
+    read = readings(settings.electronics, moved.time, moved.poses, radius, half)
     write_recording(path, moved, read)
 
 

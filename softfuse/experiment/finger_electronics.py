@@ -3,7 +3,7 @@
 * Pressure: NXP MPX5100A, V = V_s (1 + ε) (0.009 P/kPa − 0.095) + V_0, P absolute, on a 12-bit converter; part
   spread ε and V_0, a zero that drifts with the gas, white noise.
 * Electrodes: counts = baseline + Σ_tips a exp(−d/ℓ) averaged over the electrode, d the distance of its points
-  from the flat round face of a tip. The field of a strip of width w decays like that, ℓ = w/π (Laplace's
+  from the surface of a tip. The field of a strip of width w decays like that, ℓ = w/π (Laplace's
   equation between two zeros w apart). In contact d = 0 and the counts saturate at a: no force is in them.
 * Cable: its shortening with white noise.
 
@@ -55,27 +55,30 @@ class Readings:
 
 
 def readings(
-    electronics: Electronics, time: Float[np.ndarray, " n"], poses: Pose, tip_radius: float
+    electronics: Electronics, time: Float[np.ndarray, " n"], poses: Pose, radius: float, half: float
 ) -> Readings:
-    """What the sensors say at times (n,) s in poses with leading axis n, touched by tips of a radius in m."""
+    """What the sensors say at times (n,) s in poses with leading axis n.
+
+    The tips are cylinders of a radius [m] and half their length [m].
+    """
     pressure, electrode, cable = map(np.random.default_rng, np.random.SeedSequence(electronics.seed).spawn(3))
     return Readings(
         pressure_V=_volts(electronics, time, poses.gauge, pressure),
-        electrode=_counts(electronics, nearness(poses, tip_radius, electronics.reach_m), electrode),
+        electrode=_counts(electronics, nearness(poses, radius, half, electronics.reach_m), electrode),
         cable=poses.cable + cable.normal(0.0, electronics.cable_noise_m, len(time)),
     )
 
 
-def nearness(poses: Pose, tip_radius: float, reach: float) -> Float[np.ndarray, "n e"]:
-    """Signal (n, e) of electrodes over that of one contact, 0 to 1 a tip; tip_radius, reach ℓ in m."""
+def nearness(poses: Pose, radius: float, half: float, reach: float) -> Float[np.ndarray, "n e"]:
+    """Signal (n, e) of electrodes, 1 where one lies wholly on a tip; radius, half length, reach ℓ in m."""
     total = np.zeros(poses.electrodes.shape[:2])
-    for k in range(poses.direction.shape[1]):
-        tip, direction = poses.tip[:, None, None, k], poses.direction[:, None, None, k]
+    for k in range(poses.axis.shape[1]):
+        tip, axis = poses.tip[:, None, None, k], poses.axis[:, None, None, k]
         apart = poses.electrodes - tip
-        ahead = np.sum(apart * direction, axis=-1)
-        beside = np.linalg.norm(apart - ahead[..., None] * direction, axis=-1)
-        distance = np.hypot(np.maximum(ahead, 0.0), np.maximum(beside - tip_radius, 0.0))
-        there = np.any(poses.direction[:, k] != 0, axis=-1)
+        along = np.sum(apart * axis, axis=-1)
+        across = np.linalg.norm(apart - along[..., None] * axis, axis=-1)
+        distance = np.hypot(np.maximum(across - radius, 0.0), np.maximum(np.abs(along) - half, 0.0))
+        there = np.any(poses.axis[:, k] != 0, axis=-1)
         total += there[:, None] * np.exp(-distance / reach).mean(axis=-1)
     return total
 

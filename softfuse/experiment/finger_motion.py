@@ -13,6 +13,9 @@ from jaxtyping import Float, Int
 from softfuse.experiment.finger_pushes import Pose, Push
 from softfuse.experiment.virtual_finger import electrode_index
 
+_ROUNDING = 1e-6
+"""Frames by which a sum of durations may be off."""
+
 
 @dataclass(frozen=True)
 class Timing:
@@ -96,8 +99,8 @@ def motion(pushes: Iterable[tuple[Push, Sequence[Pose]]], timing: Timing) -> Mot
     for push, poses in pushes:
         line.push(push, poses)
     line.end()
-    time = np.arange(int(line.times[-1] * timing.rate_Hz + 1e-6) + 1) / timing.rate_Hz
-    press = np.searchsorted(line.starts, time, side="right") - 1
+    time = np.arange(int(line.times[-1] * timing.rate_Hz + _ROUNDING) + 1) / timing.rate_Hz
+    press = np.searchsorted(line.starts, time + _ROUNDING / timing.rate_Hz, side="right") - 1
     sample = np.zeros(len(time), int)
     for at, number in line.samples:
         sample[int(np.rint(at * timing.rate_Hz))] = number

@@ -1,25 +1,30 @@
 """Pushes on a virtual finger: the equilibria that it passes through.
 
-A push shortens the cable first, then brings rigid frictionless tips to sides of segments and moves all of
-them on by the same depth, counted for each from its own first contact. Everything is elastic and without
-friction, so that the way back passes through the same equilibria.
+A push shortens the cable first, then sets rigid round tips against sides of segments where these are now and
+moves all of them on along straight lines by the same depth, counted for each from its own first contact.
+Everything is elastic and without friction, so that the way back passes through the same equilibria.
 """
 
+import logging
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
+from softfuse.body.body import Body
+from softfuse.equilibrium.linear_solver import AbstractLinearSolver
 from softfuse.equilibrium.load import Loads
 from softfuse.equilibrium.multifrontal import Multifrontal
 from softfuse.equilibrium.newton import Newton, solve
-from softfuse.equilibrium.rigid_plane import RigidPlane
+from softfuse.equilibrium.rigid_cylinder import RigidCylinder
 from softfuse.equilibrium.solution import RESULTS, State
 from softfuse.errors import ConfigError, SolveError
-from softfuse.experiment.virtual_finger import Side, VirtualFinger, rigid_tip
+from softfuse.experiment.virtual_finger import Side, VirtualFinger, rigid_tip, set_against
+
+log = logging.getLogger(__name__)
 
 CONTACTS = 2
 """Largest number of tips that push at once."""
@@ -59,9 +64,8 @@ class Pose:
 
     cable [m]: shortening; depth [m]: of the tips beyond first contact, negative before; points (p, 3) and
     electrodes (e, g, 3) [m]: where they are; gauge (k,) [Pa]: pressures; tension [N]; of each of `CONTACTS`
-    tips its force (c,) [N], the centre of pressure (c, 3) [m], without force the middle of the patch that the
-    tip faces, and the middle (c, 3) [m] of its face with the direction (c, 3) in which it pushes, 0 where
-    there is no tip.
+    tips the magnitude of its force (c,) [N], the centre of pressure (c, 3) [m], without force the middle of
+    the patch that the tip can meet, and its middle (c, 3) [m] and axis (c, 3), 0 where there is no tip.
     """
 
     cable: Float[np.ndarray, "*n"]
@@ -73,7 +77,7 @@ class Pose:
     force: Float[np.ndarray, "*n c"]
     contact: Float[np.ndarray, "*n c 3"]
     tip: Float[np.ndarray, "*n c 3"]
-    direction: Float[np.ndarray, "*n c 3"]
+    axis: Float[np.ndarray, "*n c 3"]
 
 
 def cable_levels(push: Push, steps: Steps) -> Float[np.ndarray, " n"]:
@@ -94,11 +98,17 @@ def equilibria(push: Push, steps: Steps) -> int:
 class FingerSolver:
     """Equilibria of one virtual finger; a program is compiled for each number of tips."""
 
-    def __init__(self, finger: VirtualFinger, steps: Steps) -> None:
-        """A solver that goes from one equilibrium to the next in `steps`."""
+    def __init__(
+        self,
+        finger: VirtualFinger,
+        steps: Steps,
+        *,
+        plan: Callable[[Body], AbstractLinearSolver] = Multifrontal.plan,
+    ) -> None:
+        """A solver that goes from one equilibrium to the next in `steps`; plan: of its linear solver."""
         self._finger = finger
         self._steps = steps
-        self._newton = Newton(Multifrontal.plan(finger.body))
+        self._newton = Newton(plan(finger.body))
         self._solve = eqx.filter_jit(solve)
 
     def poses(self, push: Push, *, solved: Callable[[], None] | None = None) -> list[Pose]:
@@ -115,59 +125,48 @@ class FingerSolver:
         away = np.full(len(tips), -_LENGTHS_AWAY * finger.settings.drawing.size[0])
         under_cable = [state]
         for shortening in cable_levels(push, self._steps)[1:]:
-            where = f"{push}: no equilibrium at a shortening of {1e3 * shortening:g} mm"
-            under_cable.append(self._next(loads, under_cable[-1], away, shortening, where))
+            where = f"a shortening of {1e3 * shortening:g} mm"
+            drive = self._drive(loads, away, shortening)
+            under_cable.append(self._next(loads, under_cable[-1], drive, push, where))
             if solved is not None:
                 solved()
         state = under_cable[-1]
-        touch = _Touch.of(finger, tips, state)
+        placed = [set_against(tip, _patch(finger, tip, state)) for tip in tips]
+        tips = tuple(tip for tip, _ in placed)
+        first = np.array([advance for _, advance in placed])
         waiting = -self._steps.clearance
         levels = cable_levels(push, self._steps)
         poses = [
-            _pose(finger, tips, touch, at, shortening, waiting)
+            _pose(finger, tips, first, at, shortening, waiting)
             for at, shortening in zip(under_cable, levels, strict=True)
         ]
         if not tips:
             return poses
         # First contact without force is the equilibrium of the cable alone, with the tips there.
-        state = eqx.tree_at(lambda s: s.drive, state, self._drive(loads, touch.advance, push.cable))
-        poses.append(_pose(finger, tips, touch, state, push.cable, 0.0))
+        loads = Loads((*tips, finger.cable, finger.gas))
+        state = eqx.tree_at(lambda s: s.drive, state, self._drive(loads, first, push.cable))
+        poses.append(_pose(finger, tips, first, state, push.cable, 0.0))
         for depth in depth_levels(push, self._steps)[1:]:
-            where = f"{push}: no equilibrium at a depth of {1e3 * depth:g} mm"
-            state = self._next(loads, state, touch.advance + depth, push.cable, where)
-            poses.append(_pose(finger, tips, touch, state, push.cable, depth))
+            drive = self._drive(loads, first + depth, push.cable)
+            state = self._next(loads, state, drive, push, f"a depth of {1e3 * depth:g} mm")
+            poses.append(_pose(finger, tips, first, state, push.cable, depth))
             if solved is not None:
                 solved()
         return poses
 
-    def _drive(self, loads: Loads, advance: Float[np.ndarray, " t"], shortening: float) -> jnp.ndarray:
+    def _drive(self, loads: Loads, advance: Float[np.ndarray, " t"], shortening: float) -> Float[Array, " d"]:
         """All drives: tips (t,) m, cable in m, gas as sealed at rest."""
         filling = loads.start()[2][len(advance) + 1 :]
         return jnp.concatenate([jnp.asarray(advance, float), jnp.array([float(shortening)]), filling])
 
-    def _next(
-        self, loads: Loads, state: State, advance: Float[np.ndarray, " t"], shortening: float, where: str
-    ) -> State:
-        drive = self._drive(loads, advance, shortening)
+    def _next(self, loads: Loads, state: State, drive: Float[Array, " d"], push: Push, where: str) -> State:
         found = self._solve(self._newton, self._finger.body, loads, drive, state)
         if not bool(found.result == RESULTS.converged):
-            raise SolveError(f"{where}: {RESULTS[found.result]}; smaller steps may help")
+            raise SolveError(
+                f"{push}: no equilibrium at {where}: {RESULTS[found.result]}; smaller steps may help"
+            )
+        log.info("%s: %s: %d iterations", push, where, int(found.stats.newton_iterations))
         return found.state
-
-
-@dataclass(frozen=True, eq=False)
-class _Touch:
-    """Where t tips first touch: their advance (t,) m, and the middle (t, 3) m of their patches."""
-
-    advance: Float[np.ndarray, " t"]
-    middle: Float[np.ndarray, "t 3"]
-
-    @classmethod
-    def of(cls, finger: VirtualFinger, tips: tuple[RigidPlane, ...], state: State) -> "_Touch":
-        patches = [_patch(finger, tip, state) for tip in tips]
-        directions = [np.asarray(tip.direction) for tip in tips]
-        first = [np.min(x @ d) - float(t.offset) for x, d, t in zip(patches, directions, tips, strict=True)]
-        return cls(np.array(first, float), np.array([x.mean(axis=0) for x in patches]).reshape(-1, 3))
 
 
 def _check(push: Push) -> None:
@@ -191,43 +190,42 @@ def _levels(held: tuple[float, ...], step: float) -> Float[np.ndarray, " n"]:
     return np.concatenate([held[:1], *pieces])
 
 
-def _patch(finger: VirtualFinger, tip: RigidPlane, state: State) -> Float[np.ndarray, "m 3"]:
+def _patch(finger: VirtualFinger, tip: RigidCylinder, state: State) -> Float[np.ndarray, "m 3"]:
     """Where the points are that a tip can meet (m, 3) m."""
     return np.asarray(tip.ports.values(finger.body, state.z)).reshape(-1, 3)
 
 
 def _pose(
     finger: VirtualFinger,
-    tips: tuple[RigidPlane, ...],
-    touch: _Touch,
+    tips: tuple[RigidCylinder, ...],
+    first: Float[np.ndarray, " t"],
     state: State,
     shortening: float,
     depth: float,
 ) -> Pose:
     nodes = np.asarray(finger.body.rest + finger.body.displacement(state.z))
-    internal = np.asarray(state.internal)
+    forces, internal = np.asarray(state.force), np.asarray(state.internal)
     force = np.zeros(CONTACTS)
-    contact, middle, direction = np.zeros((3, CONTACTS, 3))
-    first = 0
+    contact, middle, axis = np.zeros((3, CONTACTS, 3))
+    start = 0
     for k, tip in enumerate(tips):
-        x, d = _patch(finger, tip, state), np.asarray(tip.direction)
-        pushes = internal[first : first + len(x)]
-        first += len(x)
-        force[k], direction[k] = pushes.sum(), d
-        contact[k] = pushes @ x / force[k] if force[k] > _TOUCHING_N else x.mean(axis=0)
-        plane = float(tip.offset) + touch.advance[k] + depth
-        middle[k] = touch.middle[k] + (plane - touch.middle[k] @ d) * d
+        x = _patch(finger, tip, state)
+        pushes = internal[start : start + len(x)]
+        force[k] = np.linalg.norm(forces[3 * start : 3 * (start + len(x))].reshape(-1, 3).sum(axis=0))
+        contact[k] = pushes @ x / pushes.sum() if force[k] > _TOUCHING_N else x.mean(axis=0)
+        middle[k] = np.asarray(tip.centre) + (first[k] + depth) * np.asarray(tip.direction)
+        axis[k] = np.asarray(tip.axis)
+        start += len(x)
     cavities = len(finger.gas.rest)
-    electrodes = finger.electrodes.at(nodes).reshape(-1, finger.electrode_points, 3)
     return Pose(
         cable=np.asarray(shortening, float),
         depth=np.asarray(depth, float),
         points=finger.points.at(nodes),
-        electrodes=electrodes,
-        gauge=np.asarray(state.force)[-cavities:],
-        tension=internal[first],
+        electrodes=finger.electrodes.at(nodes).reshape(-1, finger.electrode_points, 3),
+        gauge=forces[-cavities:],
+        tension=internal[start],
         force=force,
         contact=contact,
         tip=middle,
-        direction=direction,
+        axis=axis,
     )

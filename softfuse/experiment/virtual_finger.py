@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,7 +20,7 @@ from softfuse.body.body import Body
 from softfuse.body.element import TAYLOR_HOOD
 from softfuse.equilibrium.cable import PulledCable, ShortenedCable
 from softfuse.equilibrium.gas import SealedGas
-from softfuse.equilibrium.rigid_plane import RigidPlane
+from softfuse.equilibrium.rigid_cylinder import RigidCylinder
 from softfuse.errors import ConfigError
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.material_points import MaterialPoints
@@ -40,8 +41,8 @@ _INWARDS = {"palm": (0.0, 0.0, 1.0), "left": (0.0, -1.0, 0.0), "right": (0.0, 1.
 _ELECTRODE_STEPS = 3
 """Points along each edge of the square that stands for an electrode."""
 
-_TIP_RINGS = ((0.0, 1), (0.5, 8), (1.0, 16))
-"""Radius over that of the tip, and number of points, of the rings of points that a tip can meet."""
+_PATCH_POINTS = (13, 3)
+"""Points along x and across of the patch that a tip can meet."""
 
 _NECKS_M = (0.03, 0.06, 0.09)
 
@@ -73,8 +74,9 @@ class FingerSettings:
 
     wall_size, base_size, growth: see `mesh.finger.finger_mesh`. guides (g, 3): first the one next to the
     pulling point pulled_at (3,). dead_volume: tube and port of each cavity. segment_x: middles of the
-    segments' electrodes, squares of twice electrode_half, and of the round tips that push there. points
-    (p, 3): material points whose places are truth.
+    segments' electrodes, squares of twice electrode_half, and of the tips that push there: cylinders of
+    tip_radius across the segment, twice electrode_half long, that roll over at most patch_half to each side.
+    points (p, 3): material points whose places are truth.
     """
 
     drawing: FingerGeometry = DRAWING
@@ -90,7 +92,8 @@ class FingerSettings:
     dead_volume: float = 100e-9
     segment_x: tuple[float, ...] = (0.012, 0.045, 0.075, 0.108)
     electrode_half: float = 6e-3
-    tip_radius: float = 6e-3
+    tip_radius: float = 5e-3
+    patch_half: float = 9e-3
     points: tuple[tuple[float, float, float], ...] = (
         (0.117, 0.0, 0.010),
         (0.105, 0.0, 0.010),
@@ -165,23 +168,51 @@ def virtual_finger(settings: FingerSettings) -> VirtualFinger:
     )
 
 
-def rigid_tip(finger: VirtualFinger, segment: int, side: Side) -> RigidPlane:
-    """A flat round tip on a side of a segment that moves along the inward normal of the side at rest.
+def rigid_tip(finger: VirtualFinger, segment: int, side: Side) -> RigidCylinder:
+    """A round tip that rests on the middle of a side of a segment of the finger at rest.
 
     Raises ConfigError when the finger has no such segment.
     """
-    count = len(finger.settings.segment_x)
+    settings = finger.settings
+    count = len(settings.segment_x)
     if not 0 <= segment < count:
         raise ConfigError(f"segment {segment} cannot be pushed: give a number from 0 to {count - 1}")
-    rings = [
-        radius * np.array([np.cos(angle), np.sin(angle)])
-        for radius, points in _TIP_RINGS
-        for angle in 2 * np.pi * np.arange(points) / points
-    ]
-    disc = finger.settings.tip_radius * np.array(rings)
-    return RigidPlane.before(
-        finger.body, _on_side(finger.settings, segment, side, disc), np.array(_INWARDS[side])
+    along, across = (np.linspace(-1.0, 1.0, n) for n in _PATCH_POINTS)
+    patch = np.array(list(product(settings.patch_half * along, settings.electrode_half * across)))
+    normal = np.array(_INWARDS[side])
+    return RigidCylinder.before(
+        finger.body,
+        _on_side(settings, segment, side, patch),
+        _on_side(settings, segment, side, np.zeros((1, 2)))[0],
+        normal,
+        np.cross(normal, [1.0, 0.0, 0.0]),
+        settings.tip_radius,
     )
+
+
+def set_against(tip: RigidCylinder, patch: Float[np.ndarray, "m 3"]) -> tuple[RigidCylinder, float]:
+    """The tip set up against its patch (m, 3) m where that is now, and the drive [m] of first contact.
+
+    It rests on the patch's middle, lies across it, and will move along its normal.
+    """
+    n, m = _PATCH_POINTS
+    grid = patch.reshape(n, m, 3)
+    middle = patch.mean(axis=0)
+    across = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0)
+    lengthwise = grid[-1].mean(axis=0) - grid[0].mean(axis=0)
+    normal = np.cross(lengthwise, across)
+    direction = normal / np.linalg.norm(normal) * np.sign(normal @ np.asarray(tip.direction))
+    axis = across / np.linalg.norm(across)
+    radius = float(tip.radius)
+    centre = middle - radius * direction
+    # |ρ - u d| = R for the distance ρ of a point from the axis.
+    away = patch - centre
+    ahead = away @ direction
+    aside = np.linalg.norm(away - np.outer(away @ axis, axis) - np.outer(ahead, direction), axis=1)
+    reached = aside < radius
+    first = float(np.min(ahead[reached] - np.sqrt(radius**2 - aside[reached] ** 2)))
+    placed = (jnp.asarray(centre), jnp.asarray(axis), jnp.asarray(direction))
+    return eqx.tree_at(lambda t: (t.centre, t.axis, t.direction), tip, placed), first
 
 
 def electrode_index(segment: int, side: Side) -> int:

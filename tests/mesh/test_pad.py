@@ -9,7 +9,7 @@ import pytest
 from softfuse.errors import MeshError
 from softfuse.mesh.bisection import TaggedTets, bisected
 from softfuse.mesh.kuhn import kuhn_grid
-from softfuse.mesh.morph import moved_cavities
+from softfuse.mesh.morph import moved_cavities, reshaped_cavities
 from softfuse.mesh.orientation import check, oriented
 from softfuse.mesh.pad import PadGeometry, pad_mesh, sized_pad_mesh
 from softfuse.mesh.quality import mean_ratios
@@ -203,6 +203,23 @@ def test_cavities_move_and_the_mesh_follows(geometry: PadGeometry, pad: TetMesh,
     skin = outer_surface(before).faces
     np.testing.assert_allclose(after.nodes[skin], before.nodes[skin], atol=1e-15)
     assert volumes(after).sum() == pytest.approx(geometry.volume(), rel=1e-9)
+
+
+def test_cavities_are_resized_about_their_middles(geometry: PadGeometry, pad: TetMesh) -> None:
+    shifts = 5e-4 * np.array([[1.0, 0, 0], [0, -1.0, 0.5], [0.3, 0.4, -1.0], [0, 0, 0]])
+    growths = 3e-4 * np.array([[1.0, 0, 0], [0, -1.0, 0.5], [0.3, 0.4, -1.0], [0, 0, 1.0]])
+    after = reshaped_cavities(pad, shifts, growths, centres=geometry.centres())
+    sizes = np.array([28e-3, 28e-3, 6e-3]) + growths
+    walls = cavities(after, geometry.centres() + shifts)
+    for wall, centre, size in zip(walls, geometry.centres() + shifts, sizes, strict=True):
+        nodes = after.nodes[np.unique(wall.faces)]
+        np.testing.assert_allclose(nodes.min(axis=0), centre - 0.5 * size, atol=1e-12)
+        np.testing.assert_allclose(nodes.max(axis=0), centre + 0.5 * size, atol=1e-12)
+        assert enclosed_volume(after.nodes, wall.faces) == pytest.approx(size.prod(), rel=1e-9)
+    skin = outer_surface(pad).faces
+    np.testing.assert_allclose(after.nodes[skin], pad.nodes[skin], atol=1e-15)
+    with pytest.raises(MeshError, match="3 growths are given for 4 cavities"):
+        reshaped_cavities(pad, shifts, growths[:3])
 
 
 def test_cavities_moved_too_far_are_told(geometry: PadGeometry, pad: TetMesh) -> None:
