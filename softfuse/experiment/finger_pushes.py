@@ -22,7 +22,7 @@ from softfuse.equilibrium.newton import Newton, solve
 from softfuse.equilibrium.rigid_cylinder import RigidCylinder
 from softfuse.equilibrium.solution import RESULTS, State
 from softfuse.errors import ConfigError, SolveError
-from softfuse.experiment.virtual_finger import Side, VirtualFinger, rigid_tip, set_against
+from softfuse.experiment.virtual_finger import Side, VirtualFinger, rigid_tip, seen_from, set_against
 
 log = logging.getLogger(__name__)
 
@@ -31,6 +31,9 @@ CONTACTS = 2
 
 _LENGTHS_AWAY = 2.0
 """Lengths of the finger by which the tips stand back while the cable alone moves it."""
+
+_HALVINGS = 5
+"""How often a step between two equilibria may be halved."""
 
 _TOUCHING_N = 1e-6
 """Total force below which a contact has no centre of pressure [N]."""
@@ -125,9 +128,9 @@ class FingerSolver:
         away = np.full(len(tips), -_LENGTHS_AWAY * finger.settings.drawing.size[0])
         under_cable = [state]
         for shortening in cable_levels(push, self._steps)[1:]:
-            where = f"a shortening of {1e3 * shortening:g} mm"
             drive = self._drive(loads, away, shortening)
-            under_cable.append(self._next(loads, under_cable[-1], drive, push, where))
+            where = f"{push}: on the way, at {1e3 * shortening:g} mm"
+            under_cable.append(self._next(tips, loads, under_cable[-1], drive, where))
             if solved is not None:
                 solved()
         state = under_cable[-1]
@@ -148,7 +151,7 @@ class FingerSolver:
         poses.append(_pose(finger, tips, first, state, push.cable, 0.0))
         for depth in depth_levels(push, self._steps)[1:]:
             drive = self._drive(loads, first + depth, push.cable)
-            state = self._next(loads, state, drive, push, f"a depth of {1e3 * depth:g} mm")
+            state = self._next(tips, loads, state, drive, f"{push}: at a depth of {1e3 * depth:g} mm")
             poses.append(_pose(finger, tips, first, state, push.cable, depth))
             if solved is not None:
                 solved()
@@ -159,14 +162,43 @@ class FingerSolver:
         filling = loads.start()[2][len(advance) + 1 :]
         return jnp.concatenate([jnp.asarray(advance, float), jnp.array([float(shortening)]), filling])
 
-    def _next(self, loads: Loads, state: State, drive: Float[Array, " d"], push: Push, where: str) -> State:
-        found = self._solve(self._newton, self._finger.body, loads, drive, state)
-        if not bool(found.result == RESULTS.converged):
-            raise SolveError(
-                f"{push}: no equilibrium at {where}: {RESULTS[found.result]}; smaller steps may help"
-            )
-        log.info("%s: %s: %d iterations", push, where, int(found.stats.newton_iterations))
-        return found.state
+    def _next(
+        self,
+        tips: tuple[RigidCylinder, ...],
+        loads: Loads,
+        state: State,
+        drive: Float[Array, " d"],
+        where: str,
+    ) -> State:
+        """The equilibrium at a drive, by smaller steps where a large one does not lead there."""
+        ahead = [drive]
+        iterations = 0
+        while ahead:
+            found = self._solve(self._newton, self._finger.body, loads, ahead[-1], state)
+            iterations += int(found.stats.newton_iterations)
+            converged = bool(found.result == RESULTS.converged)
+            if converged and not passed_through(self._finger, tips, found.state):
+                state = found.state
+                ahead.pop()
+            elif len(ahead) <= _HALVINGS:
+                ahead.append(0.5 * (state.drive + ahead[-1]))
+            else:
+                why = "a tip passes through the finger" if converged else RESULTS[found.result]
+                raise SolveError(f"{where}: no equilibrium: {why}; push less deep, or with other tips")
+        log.info("%s: %d iterations", where, iterations)
+        return state
+
+
+def passed_through(finger: VirtualFinger, tips: tuple[RigidCylinder, ...], state: State) -> bool:
+    """Whether a tip has left points of the skin behind it that it should have pushed on: the law of contact
+    knows the distance from its axis only, and is content with those behind.
+    """
+    for tip, drive in zip(tips, np.asarray(state.drive), strict=False):
+        centre = np.asarray(tip.centre + drive * tip.direction)
+        ahead, aside = seen_from(tip, centre, _patch(finger, tip, state))
+        if np.any((aside < float(tip.radius)) & (ahead < 0.0)):
+            return True
+    return False
 
 
 def _check(push: Push) -> None:

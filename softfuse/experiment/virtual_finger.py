@@ -205,14 +205,22 @@ def set_against(tip: RigidCylinder, patch: Float[np.ndarray, "m 3"]) -> tuple[Ri
     axis = across / np.linalg.norm(across)
     radius = float(tip.radius)
     centre = middle - radius * direction
-    # |ρ - u d| = R for the distance ρ of a point from the axis.
-    away = patch - centre
+    placed = (jnp.asarray(centre), jnp.asarray(axis), jnp.asarray(direction))
+    tip = eqx.tree_at(lambda t: (t.centre, t.axis, t.direction), tip, placed)
+    ahead, aside = seen_from(tip, centre, patch)
+    reached = aside < radius
+    return tip, float(np.min(ahead[reached] - np.sqrt(radius**2 - aside[reached] ** 2)))
+
+
+def seen_from(
+    tip: RigidCylinder, centre: Float[np.ndarray, "3"], points: Float[np.ndarray, "m 3"]
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """How far points (m, 3) m are ahead (m,) of a tip's axis through centre (3,) m, and to its side (m,)."""
+    direction, axis = np.asarray(tip.direction), np.asarray(tip.axis)
+    away = points - centre
     ahead = away @ direction
     aside = np.linalg.norm(away - np.outer(away @ axis, axis) - np.outer(ahead, direction), axis=1)
-    reached = aside < radius
-    first = float(np.min(ahead[reached] - np.sqrt(radius**2 - aside[reached] ** 2)))
-    placed = (jnp.asarray(centre), jnp.asarray(axis), jnp.asarray(direction))
-    return eqx.tree_at(lambda t: (t.centre, t.axis, t.direction), tip, placed), first
+    return ahead, aside
 
 
 def electrode_index(segment: int, side: Side) -> int:

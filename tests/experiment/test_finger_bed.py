@@ -5,10 +5,13 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from softfuse.equilibrium.load import Loads
+from softfuse.equilibrium.solution import State
 from softfuse.equilibrium.sparse import SparseLU
 from softfuse.errors import ConfigError, MeshError, RecordingError
 from softfuse.experiment.finger_bed import (
@@ -30,6 +33,7 @@ from softfuse.experiment.finger_pushes import (
     cable_levels,
     depth_levels,
     equilibria,
+    passed_through,
 )
 from softfuse.experiment.virtual_finger import (
     FingerErrors,
@@ -313,6 +317,19 @@ def test_a_tip_is_set_against_the_side_as_it_lies(finger) -> None:
     bumpy[19, 1] += 1e-3
     _, first = set_against(tip, bumpy)
     assert first == pytest.approx(-1e-3, rel=0.1)
+
+
+def test_a_tip_that_left_the_finger_behind_is_seen(finger) -> None:
+    tip = rigid_tip(finger, 1, "left")
+    rest = State.rest(finger.body, Loads((tip,)))
+
+    def moved_to(advance: float) -> State:
+        return eqx.tree_at(lambda s: s.drive, rest, jnp.array([advance]))
+
+    # With the finger where it rests the tip is before it, touches it, and is beyond its skin.
+    assert not passed_through(finger, (tip,), moved_to(-0.03))
+    assert not passed_through(finger, (tip,), moved_to(0.0))
+    assert passed_through(finger, (tip,), moved_to(2.5 * RADIUS))
 
 
 @pytest.mark.parametrize(
