@@ -40,7 +40,7 @@ from softfuse.experiment.finger_pushes import FingerSolver, Push, Steps, equilib
 from softfuse.experiment.virtual_finger import FingerSettings, virtual_finger
 
 _DEPTHS_M = (5e-3, 10e-3, 15e-3, 20e-3)
-_DEPTHS_OF_TWO_M = (2.5e-3, 5e-3, 7.5e-3, 10e-3)
+_DEPTHS_OF_TWO_M = (2e-3, 4e-3, 6e-3, 8e-3)
 
 TABLE_III = tuple(
     Push(contacts=((segment, "left"),), cable=cable, depths=_DEPTHS_M)
@@ -50,9 +50,9 @@ TABLE_III = tuple(
 """The tip segment (the paper's p0), then the third (p3), each without and with the cable."""
 
 TWO_CONTACTS = (
-    *(Push(((2, "left"), (3, "right")), cable, _DEPTHS_OF_TWO_M) for cable in (0.0, 10e-3)),
+    *(Push(((1, "left"), (3, "right")), cable, _DEPTHS_OF_TWO_M) for cable in (0.0, 10e-3)),
     Push(((2, "left"), (3, "palm")), 0.0, _DEPTHS_OF_TWO_M),
-    Push(((1, "left"), (3, "left")), 0.0, _DEPTHS_OF_TWO_M),
+    Push(((1, "left"), (3, "palm")), 10e-3, _DEPTHS_OF_TWO_M),
 )
 """Two tips at once on different segments."""
 
