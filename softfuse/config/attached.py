@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, model_validator
 
 from softfuse.body.body import Body
 from softfuse.config.quantity import (
+    Length,
     Number,
     PositiveForce,
     PositiveForceRate,
@@ -37,7 +38,8 @@ Path3 = Annotated[tuple[Vector, ...], NotEmpty, AfterValidator(_apart)]
 
 
 class CableSettings(Settings):
-    """A cable from pulled_at (3,) m through guides (g, 3) m in the body; it ends at the last one.
+    """A cable from pulled_at (3,) m through guides (g, 3) m in the body; it ends in a ball of anchor_radius in
+    m around the last one, which a point would sink into without limit as the mesh gets finer.
 
     friction [-]: μ at the guides; max_tension in N; tension_rate in N/s and length_rate in m/s: how fast its
     tension and its length may change, None for any.
@@ -46,6 +48,7 @@ class CableSettings(Settings):
     name: str
     guides: Path3
     pulled_at: Vector
+    anchor_radius: Annotated[Length, Ge(0)] = 0.0
     friction: Annotated[Number, Ge(0)] = 0.0
     max_tension: PositiveForce
     tension_rate: PositiveForceRate | None = None
@@ -60,7 +63,11 @@ class CableSettings(Settings):
     def load(self, body: Body) -> PulledCable:
         """The cable in a body at rest; raises MeshError for a guide outside it."""
         return PulledCable.through(
-            body, np.array(self.guides), np.array(self.pulled_at), friction=self.friction
+            body,
+            np.array(self.guides),
+            np.array(self.pulled_at),
+            friction=self.friction,
+            anchor_radius=self.anchor_radius,
         )
 
 

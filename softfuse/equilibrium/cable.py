@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
 from softfuse.equilibrium.load import AbstractLoad, Sizes
-from softfuse.equilibrium.points import PointPorts
+from softfuse.equilibrium.points import PointPorts, ball
 from softfuse.functional.cable import guide_forces, length
 from softfuse.functional.material_points import MaterialPoints
 
@@ -33,18 +33,26 @@ class PulledCable(AbstractLoad):
         pulled_at: Float[np.ndarray, "3"],
         *,
         friction: float = 0.0,
+        anchor_radius: float = 0.0,
     ) -> "PulledCable":
         """A cable through guides (g, 3) m of a body at rest, first the one next to the pulling point (3,) m.
 
-        Raises MeshError for a guide outside the body.
+        It ends in a ball of `anchor_radius` [m] around the last guide, or in that point. Raises MeshError for
+        a guide or an anchor outside the body.
         """
-        ports = PointPorts.at(MaterialPoints.embedded(body, guides), body)
+        before, anchor = np.asarray(guides)[:-1], np.asarray(guides)[-1:]
+        if anchor_radius > 0:
+            anchor = ball(anchor[0], anchor_radius)
+        points = MaterialPoints.embedded(body, np.concatenate([before, anchor]))
+        share = np.eye(len(before) + 1)
+        share = np.concatenate([share[:, :-1], share[:, -1:].repeat(len(anchor), axis=1) / len(anchor)], axis=1)
+        ports = PointPorts.shared(points, jnp.asarray(share), body)
         return cls(ports, jnp.asarray(pulled_at, float), jnp.asarray(friction, float))
 
     @property
     def sizes(self):
         """Three ports and forces for each guide; the tension."""
-        count = 3 * self.ports.points.nodes.shape[0]
+        count = 3 * self.ports.share.shape[0]
         return Sizes(ports=count, forces=count, internal=0, drives=1)
 
     def start(self):
@@ -89,7 +97,7 @@ class ShortenedCable(AbstractLoad):
     @property
     def sizes(self):
         """Three ports and forces for each guide; the tension; the shortening."""
-        count = 3 * self.ports.points.nodes.shape[0]
+        count = 3 * self.ports.share.shape[0]
         return Sizes(ports=count, forces=count, internal=1, drives=1)
 
     def start(self):
@@ -116,4 +124,4 @@ class ShortenedCable(AbstractLoad):
 
 def _rest_length(cable: PulledCable | ShortenedCable) -> Float[Array, ""]:
     """ℓ₀ [m] on the body at rest."""
-    return length(cable.ports.points.location, cable.pulled_at)
+    return length(cable.ports.location, cable.pulled_at)

@@ -1,7 +1,12 @@
-"""Positions of material points as ports: their conjugate forces are point forces."""
+"""Positions of material points as ports: their conjugate forces are point forces, or shared by several points.
+
+A point force sinks into an elastic body the deeper the finer the mesh, without limit: what carries a large
+one has to be given its size.
+"""
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
@@ -10,29 +15,49 @@ from softfuse.functional.material_points import MaterialPoints
 
 
 class PointPorts(AbstractPorts):
-    """x, y, z of g material points, one after the other: 3 g ports [m]; `support` [N/m]: of each."""
+    """x, y, z of g weighted means of m material points, one after the other: 3 g ports [m].
+
+    `share` (g, m): weights, each row's sum is 1; `support` [N/m]: of each mean that is a single point.
+    """
 
     points: MaterialPoints
+    share: Float[Array, "g m"]
     support: Float[Array, ""]
 
     @classmethod
     def at(cls, points: MaterialPoints, body: Body) -> "PointPorts":
-        """Ports supported as stiffly as a piece of the body as long as the points are apart."""
-        apart = jnp.linalg.norm(jnp.diff(points.location, axis=0), axis=1)
+        """Each point by itself."""
+        return cls.shared(points, jnp.eye(points.nodes.shape[0]), body)
+
+    @classmethod
+    def shared(cls, points: MaterialPoints, share: Float[Array, "g m"], body: Body) -> "PointPorts":
+        """Means of points; single ones supported as stiffly as a piece of the body as long as they are apart."""
+        apart = jnp.linalg.norm(jnp.diff(share @ points.location, axis=0), axis=1)
         spacing = jnp.mean(apart) if apart.size else jnp.cbrt(jnp.sum(body.weights))
-        return cls(points, jax.lax.stop_gradient(body.pressure_unit * spacing))
+        support = jax.lax.stop_gradient(body.pressure_unit * spacing)
+        return cls(points, jnp.asarray(share, float), support)
+
+    @property
+    def location(self) -> Float[Array, "g 3"]:
+        """Where the means are on the body at rest (g, 3) [m]."""
+        return self.share @ self.points.location
+
+    @property
+    def _single(self) -> Float[Array, "g m"]:
+        return jnp.where(self.share == 1, 1.0, 0.0)
 
     def values(self, body, z):
         """Positions (3 g,) [m]."""
         x = body.rest + body.displacement(z)
-        return jnp.einsum("ga,gai->gi", self.points.shape(body.rest), x[self.points.nodes]).ravel()
+        each = jnp.einsum("ma,mai->mi", self.points.shape(body.rest), x[self.points.nodes])
+        return (self.share @ each).ravel()
 
     def rows(self, body, z):
-        """Shape values in the rows of the points' nodes (n, 3 g) [-]."""
+        """Shares of the shape values in the rows of the points' nodes (n, 3 g) [-]."""
         del z
         shape = self.points.shape(body.rest)
-        g = shape.shape[0]
-        spread = jnp.einsum("ga,ij,gh->gaihj", shape, jnp.eye(3), jnp.eye(g)).reshape(g, -1, 3, 3 * g)
+        m, g = shape.shape[0], self.share.shape[0]
+        spread = jnp.einsum("ma,ij,gm->maigj", shape, jnp.eye(3), self.share).reshape(m, -1, 3, 3 * g)
         index = body.displacement_index[self.points.nodes]
         return jnp.zeros((body.n, 3 * g)).at[index].add(spread, mode="drop")
 
@@ -41,11 +66,23 @@ class PointPorts(AbstractPorts):
         del z, force
         shape = self.points.shape(body.rest)
         a = shape.shape[1]
-        spring = self.support * jnp.einsum("ga,gb,ij->gaibj", shape, shape, jnp.eye(3))
+        springs = self.support * jnp.sum(self._single, axis=0)
+        spring = jnp.einsum("m,ma,mb,ij->maibj", springs, shape, shape, jnp.eye(3))
         block = spring.reshape(-1, 3 * a, 3 * a)
         return tangents.at[self.points.element, : 3 * a, : 3 * a].add(block)
 
     @property
     def supports(self):
-        """The same spring for all (3 g,) [N/m]."""
-        return jnp.full(3 * self.points.nodes.shape[0], self.support)
+        """The same spring for all single points, none for means (3 g,) [N/m]."""
+        return self.support * jnp.repeat(jnp.sum(self._single, axis=1), 3)
+
+
+def ball(centre: Float[np.ndarray, "3"], radius: float) -> Float[np.ndarray, "b 3"]:
+    """Points (b, 3) m whose mean stands for that over a ball of `radius` [m] around `centre` (3,) m: exact for
+    polynomials of third order.
+    """
+    steps = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    inner = steps[(steps**2).sum(axis=1) < 3]
+    # The mean of |x|² over a ball is 3/5 of its radius squared.
+    spacing = radius * np.sqrt(0.6 / (inner**2).sum(axis=1).mean())
+    return centre + spacing * inner

@@ -65,6 +65,7 @@ class FingerErrors:
     cavity_size: float = 0.2e-3
     neck_height: float = 0.2e-3
     guide: float = 0.3e-3
+    anchor_radius: float = 0.3e-3
     seed: int = 1
 
 
@@ -73,7 +74,7 @@ class FingerSettings:
     """The drawing, what it is made of, and how finely it is computed; lengths in m, volumes in m³.
 
     wall_size, base_size, growth: see `mesh.finger.finger_mesh`. guides (g, 3): first the one next to the
-    pulling point pulled_at (3,). dead_volume: tube and port of each cavity. segment_x: middles of the
+    pulling point pulled_at (3,); the cable ends in a ball of anchor_radius around the last. dead_volume: tube and port of each cavity. segment_x: middles of the
     segments' electrodes, squares of twice electrode_half, and of the tips that push there: cylinders of
     tip_radius across the segment, twice electrode_half long, that roll over at most patch_half to each side.
     points (p, 3): material points whose places are truth.
@@ -89,6 +90,7 @@ class FingerSettings:
         (1e-3 * x, 0.0, 3e-3) for x in (2, 12, 22, 38, 52, 68, 82, 98, 108, 116)
     )
     pulled_at: tuple[float, float, float] = (-5e-3, 0.0, 3e-3)
+    anchor_radius: float = 3e-3
     dead_volume: float = 100e-9
     segment_x: tuple[float, ...] = (0.012, 0.045, 0.075, 0.108)
     electrode_half: float = 6e-3
@@ -152,7 +154,8 @@ def virtual_finger(settings: FingerSettings) -> VirtualFinger:
     body = Body.from_mesh(mesh, (law,), clamped, element=TAYLOR_HOOD)
     drawn = np.array(settings.guides)
     guides = drawn + _uniform(rng, settings.errors.guide, drawn.shape)
-    cable = PulledCable.through(body, guides, np.array(settings.pulled_at))
+    anchor = settings.anchor_radius + float(_uniform(rng, settings.errors.anchor_radius, ()))
+    cable = PulledCable.through(body, guides, np.array(settings.pulled_at), anchor_radius=anchor)
     steps = settings.electrode_half * np.linspace(-1.0, 1.0, _ELECTRODE_STEPS)
     square = np.array(list(product(steps, steps)))
     segments = range(len(settings.segment_x))
