@@ -56,7 +56,7 @@ class FingerStudy(AbstractStudy):
             *(f"cable{k}_{unit}" for k in cables for unit in ("mm", "N")),
             *(f"pressure{k}_{what}" for k in range(len(config.cavities)) for what in ("Pa", "misfit_Pa")),
             *(f"{name}_{axis}_mm" for name in self._points for axis in "xyz"),
-            *(f"{what}" for j in links for what in (f"bend{j}_deg", f"curvature{j}_1_m")),
+            *(what for j in links for what in (f"bend{j}_deg", f"curvature{j}_1_m")),
             *(["tip_bend_deg"] if links else []),
         ]
 

@@ -1,0 +1,216 @@
+"""softfuse estimate on one push of the finger, with faults put into the recording, on a coarse finger."""
+
+import csv
+import gzip
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softfuse.cli import main
+
+ROOT = Path(__file__).parents[2]
+RECORDING = ROOT / "tests" / "data" / "finger_one_push.csv.gz"
+POINTS = ("p0", "p1", "p2", "p3")
+MISSING, LOST = 5, 12
+"""Frames whose pressure is missing, whose cable length is absent."""
+COARSE = (
+    ('wall_size = "10 mm"', 'wall_size = "20 mm"'),
+    ('base_size = "12 mm"', 'base_size = "30 mm"'),
+    ("growth = 2.0", "growth = 9.0"),
+)
+
+
+def code_of(*arguments: str | Path) -> int | str | None:
+    """The exit code of softfuse."""
+    with pytest.raises(SystemExit) as caught:
+        main([*map(str, arguments)])
+    return caught.value.code
+
+
+def recorded() -> list[list[str]]:
+    """The head and the rows of the recording."""
+    with gzip.open(RECORDING, "rt") as stream:
+        return [line.split(",") for line in stream.read().splitlines()]
+
+
+def written(path: Path, rows: list[list[str]]) -> Path:
+    """A recording of a head and rows."""
+    path.write_text("\n".join(",".join(row) for row in rows) + "\n")
+    return path
+
+
+def without(rows: list[list[str]], *names: str) -> list[list[str]]:
+    """The rows without some columns."""
+    keep = [k for k, name in enumerate(rows[0]) if name not in names]
+    return [[row[k] for k in keep] for row in rows]
+
+
+@pytest.fixture(scope="module")
+def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The finger's config on the coarsest mesh, which is compiled soonest."""
+    text = (ROOT / "configs" / "finger.toml").read_text(encoding="utf-8")
+    for old, new in COARSE:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    path = tmp_path_factory.mktemp("config") / "coarse.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    rows = recorded()
+    at = {name: k for k, name in enumerate(rows[0])}
+    rows[1 + MISSING][at["pressure1_V"]] = ""
+    rows[1 + LOST][at["cable0_mm"]] = ""
+    return written(tmp_path_factory.mktemp("recording") / "push.csv", rows)
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory, coarse: Path, faulty: Path) -> Path:
+    """The folder that `softfuse estimate` makes of them."""
+    out = tmp_path_factory.mktemp("out") / "finger"
+    assert code_of("estimate", coarse, faulty, "--out", out, "--quiet") == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def rows(results: Path) -> list[dict[str, str]]:
+    with (results / "estimates.csv").open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.fixture(scope="module")
+def truth(faulty: Path) -> list[dict[str, str]]:
+    with faulty.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def values(rows: list[dict[str, str]], *names: str) -> np.ndarray:
+    """Some columns of all rows (n, names); what is empty is NaN."""
+    return np.array([[float(row[name] or "nan") for name in names] for row in rows])
+
+
+def test_every_frame_has_a_row_with_the_agreed_columns(
+    rows: list[dict[str, str]], truth: list[dict[str, str]]
+) -> None:
+    contacts = [
+        f"contact{c}_{what}" for c in range(2) for what in ("electrode", "x_mm", "y_mm", "z_mm", "force_N")
+    ]
+    pressures = [f"pressure{k}_{what}" for k in range(6) for what in ("Pa", "misfit_Pa")]
+    points = [f"{name}_{axis}_mm" for name in POINTS for axis in "xyz"]
+    bending = [what for j in range(4) for what in (f"bend{j}_deg", f"curvature{j}_1_m")]
+    assert list(rows[0]) == [
+        *("time_s", "contacts"),
+        *contacts,
+        *("force_N", "cable0_mm", "cable0_N"),
+        *pressures,
+        *points,
+        *bending,
+        *("tip_bend_deg", "residual", "latency_ms", "status"),
+    ]
+    assert len(rows) == len(truth) and all(row["status"] for row in rows)
+    always = ["force_N", "cable0_mm", "cable0_N", *points, *bending, "tip_bend_deg", "latency_ms"]
+    assert np.isfinite(values(rows, *always)).all()
+
+
+def test_the_push_is_found_on_its_electrode(rows: list[dict[str, str]], truth: list[dict[str, str]]) -> None:
+    at = max(k for k, row in enumerate(truth) if row["sample"] not in ("", "0"))
+    assert rows[at]["contacts"] == "1" and rows[at]["contact0_electrode"] == "tip left"
+    assert rows[at]["contact1_electrode"] == "" and rows[at]["contact1_x_mm"] == ""
+    # The mesh is coarse: what is asked for is the right place and the right order.
+    place = values([rows[at]], "contact0_x_mm", "contact0_y_mm", "contact0_z_mm")
+    true = values([truth[at]], "true_contact0_x_mm", "true_contact0_y_mm", "true_contact0_z_mm")
+    assert np.linalg.norm(place - true) < 15.0
+    force, true_force = float(rows[at]["force_N"]), float(truth[at]["true_force0_N"])
+    assert 0.3 * true_force < force < 3 * true_force
+    assert rows[0]["contacts"] == "0" and rows[0]["contact0_electrode"] == ""
+
+
+def test_the_shape_follows_cable_and_push(rows: list[dict[str, str]], truth: list[dict[str, str]]) -> None:
+    names = [f"{name}_{axis}_mm" for name in POINTS for axis in "xyz"]
+    found, true = values(rows, *names), values(truth, *(f"true_{name}" for name in names))
+    moved = np.linalg.norm((true - true[0]).reshape(len(true), -1, 3), axis=2).max()
+    missed = np.linalg.norm((found - true).reshape(len(true), -1, 3), axis=2)
+    assert moved > 20.0 and missed.max() < 0.3 * moved
+    np.testing.assert_allclose(found[0], true[0], atol=0.5)
+    assert values(rows, "cable0_mm").max() == pytest.approx(10.0, abs=0.5)
+    turned = values(rows, "tip_bend_deg")[:, 0]
+    assert turned.max() > 20.0 and abs(turned[0]) < 1.0
+    bend, curvature = values(rows, "bend1_deg"), values(rows, "curvature1_1_m")
+    np.testing.assert_allclose(np.deg2rad(bend) / 0.03, curvature, atol=2e-3)
+
+
+def test_faults_are_flagged_and_the_rest_is_estimated(rows: list[dict[str, str]]) -> None:
+    assert "pressure missing" in rows[MISSING]["status"] and "malformed row" in rows[MISSING]["status"]
+    assert rows[MISSING]["pressure1_misfit_Pa"] == "" and rows[MISSING]["pressure0_misfit_Pa"] != ""
+    assert "cable length missing" in rows[LOST]["status"] and rows[LOST]["cable0_mm"] != ""
+
+
+def test_the_summary_tells_errors_and_counts(results: Path, truth: list[dict[str, str]]) -> None:
+    numbers = json.loads((results / "summary.json").read_text())
+    assert numbers["device"] == "Soft Finger" and numbers["frames"] == len(truth)
+    table = numbers["position_error_mm"]
+    levels = [f"level_{k}" for k in (1, 2, 3, 4)]
+    assert list(table) == ["all", "with_cable", "without_cable", *levels, *POINTS]
+    assert table["all"]["n"] == 4 * 4 and table["without_cable"] == {"mean": None, "std": None, "n": 0}
+    assert numbers["samples"] == 4 and numbers["samples_without_estimate"] == 0
+    assert set(numbers["force_error_percent"]) == {"all", "contact0", "contact1", *levels}
+    assert numbers["contacts_true"] == 4 and numbers["contacts_missed"] == 0
+    # A tip is there all the time; before it presses, the electrode may feel it.
+    assert numbers["phantom_force_N"]["without_tip"] is None
+    assert numbers["phantom_force_N"]["without_force"] >= 0.0
+    assert numbers["latency_ms"]["p50"] > 0
+
+
+def test_the_report_is_whole(results: Path) -> None:
+    text = (results / "report.html").read_text(encoding="utf-8")
+    assert text.startswith("<!doctype html>") and text.rstrip().endswith("</html>")
+    headings = ["Recording", "Table III: position error", "Force error", "Contacts", "Points", "Shape"]
+    headings += ["Pressures", "Cables", "Forces", "Bending", "Latency"]
+    places = [text.index(f"<h2>{heading}</h2>") for heading in headings]
+    assert places == sorted(places)
+    assert text.count("data:image/png;base64,") == 8
+    assert "http" not in text
+
+
+def test_shapes_of_the_pull_and_of_the_touch_are_kept(results: Path) -> None:
+    import meshio
+
+    shapes = [meshio.read(path) for path in sorted(results.glob("shape_*.vtu"))]
+    assert len(shapes) == 2
+    largest = [np.linalg.norm(shape.point_data["displacement"], axis=1).max() for shape in shapes]
+    assert min(largest) > 5e-3
+
+
+@pytest.mark.parametrize(
+    ("dropped", "told"),
+    [
+        (["pressure0_V", "pressure4_V"], "lacks the columns 'pressure0_V', 'pressure4_V'"),
+        (["cable0_mm"], "lacks the column 'cable0_mm'"),
+        (["true_p2_x_mm"], "lacks the column 'true_p2_x_mm'"),
+        (["true_contact1_electrode"], "lacks the column 'true_contact1_electrode'"),
+    ],
+)
+def test_what_a_recording_lacks_is_told_in_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], coarse: Path, dropped: list[str], told: str
+) -> None:
+    recording = written(tmp_path / "lacking.csv", without(recorded(), *dropped))
+    assert code_of("estimate", coarse, recording, "--out", tmp_path / "out", "--quiet") == 2
+    err = capsys.readouterr().err
+    assert told in err and "Traceback" not in err and err.count("\n") == 1
+
+
+def test_without_truth_there_is_no_evaluation(tmp_path: Path, coarse: Path) -> None:
+    rows = recorded()
+    truth = [name for name in rows[0] if name.startswith("true_")]
+    recording = written(tmp_path / "plain.csv", without(rows[:4], "press", "sample", *truth))
+    assert code_of("estimate", coarse, recording, "--out", tmp_path, "--quiet") == 0
+    numbers = json.loads((tmp_path / "summary.json").read_text())
+    assert not {"position_error_mm", "force_error_percent", "phantom_force_N", "samples"} & set(numbers)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Table III" not in text and "<h2>Points</h2>" in text
+    # Nothing has touched and nothing was pulled: there is no shape to keep.
+    assert "<h2>Shape</h2>" not in text and not list(tmp_path.glob("*.vtu"))
