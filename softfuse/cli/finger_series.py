@@ -18,7 +18,7 @@ from softfuse.sensing.status import Status
 class FingerFrame:
     """One frame with c contacts: `posture`, all NaN without an estimate; `electrode` (c,), `NOWHERE` where
     nothing touches; `place_m` (c, 3): where it touches now; `force_N` (c, 3): vector of its force; both NaN
-    without contact or estimate.
+    without contact or estimate; `pressure_Pa` (k,): measured, NaN where it is not or its zero is unknown.
     """
 
     now: Tracked
@@ -26,6 +26,7 @@ class FingerFrame:
     electrode: Int[np.ndarray, " c"]
     place_m: Float[np.ndarray, "c 3"]
     force_N: Float[np.ndarray, "c 3"]
+    pressure_Pa: Float[np.ndarray, " k"]
 
 
 def finger_frame(now: Tracked, state: State, posture: Posture) -> FingerFrame:
@@ -43,7 +44,10 @@ def finger_frame(now: Tracked, state: State, posture: Posture) -> FingerFrame:
     weight = weight / weight.sum(axis=1, keepdims=True)
     unknown = np.where(now.touching, 0.0, np.nan)[:, None]
     place = np.einsum("cm,cmi->ci", weight, patches) + unknown
-    return FingerFrame(now, posture, electrode, place, np.einsum("cm,cmi->ci", drive, inward) + unknown)
+    force = np.einsum("cm,cmi->ci", drive, inward) + unknown
+    valid = now.details.pressure.valid
+    pressure = np.where(valid, now.reading[len(now.reading) - len(valid) :], np.nan)
+    return FingerFrame(now, posture, electrode, place, force, pressure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,8 +116,8 @@ class FingerSeries:
 
     @property
     def pressure_Pa(self) -> Float[np.ndarray, "n k"]:
-        """Measured gauge pressures."""
-        return self._tracked("reading")[:, self.cables :]
+        """Measured gauge pressures, NaN where they are not."""
+        return np.array([frame.pressure_Pa for frame in self.frames])
 
     @property
     def misfit_Pa(self) -> Float[np.ndarray, "n k"]:

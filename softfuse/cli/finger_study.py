@@ -8,13 +8,11 @@ from softfuse.cli.finger_sections import finger_sections
 from softfuse.cli.finger_series import FingerFrame, FingerSeries, finger_frame
 from softfuse.cli.finger_truth import finger_truth
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks, known, number
-from softfuse.config.build_attached import build_centreline, build_points
+from softfuse.config.build_watched import build_watched
 from softfuse.config.contact import PatchSettings
 from softfuse.experiment.accuracy import scaled
 from softfuse.experiment.contact_accuracy import NOWHERE, contact_force_table, largest_force
-from softfuse.experiment.posture import Watched
 from softfuse.experiment.shape_accuracy import PULLED_M, position_table
-from softfuse.mesh.surface import outer_surface
 
 _OF_CONTACT = ("electrode", "x_mm", "y_mm", "z_mm", "force_N")
 
@@ -33,14 +31,7 @@ class FingerStudy(AbstractStudy):
         self._frames: list[FingerFrame] = []
         truth = finger_truth(estimated.recording, self._points, len(config.cables))
         self._series = FingerSeries(self._frames, len(config.cables), truth)
-        self._watched = Watched.on(
-            device,
-            build_points(config, device.body),
-            build_centreline(config, device.body) if config.centreline else None,
-            outer_surface(estimated.mesh.mesh).faces,
-            np.array([electrode.middles for electrode in config.electrodes]),
-            np.array([electrode.direction for electrode in config.electrodes]),
-        )
+        self._watched = build_watched(config, device, estimated.mesh)
         self._touches, self._pulls = Peaks(), Peaks()
 
     @property
@@ -81,7 +72,7 @@ class FingerStudy(AbstractStudy):
         fields.append(number(now.force_N, 4))
         for shorter, tension in zip(posture.answers[:cables], now.attached[:cables], strict=True):
             fields += [number(1e3 * shorter, 3), number(tension, 4)]
-        for pressure, misfit in zip(now.reading[cables:], now.misfit[cables:], strict=True):
+        for pressure, misfit in zip(seen.pressure_Pa, now.misfit[cables:], strict=True):
             fields += [number(pressure, 2), number(misfit, 2)]
         fields += [number(1e3 * x, 3) for x in posture.point_m.ravel()]
         for turn, curvature in zip(posture.turn, posture.curvature, strict=True):

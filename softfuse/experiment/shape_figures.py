@@ -10,11 +10,15 @@ from jaxtyping import Float, Int
 from softfuse.experiment.figures import blank
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d import Axes3D
 
 _SHARP = 0.8  # cosine between the normals of two faces below which their common edge is drawn
-_VIEWS = (("from above", 90.0, -90.0), ("from the side", 0.0, -90.0), ("at an angle", 28.0, -62.0))
+_ARROW_MM, _LEAST_N = 25.0, 0.1  # length of the largest arrow; smaller largest forces get shorter arrows
+_FILL, _EDGE, _REST, _FORCE = (0.45, 0.62, 0.85, 0.35), (0.15, 0.25, 0.45), "0.6", "tab:green"
+_PLANES = (((0, 1), 2, "from above"), ((0, 2), 1, "from the side"))
+"""Axes drawn to the right and upwards, the one looked along, name of the view."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,46 +52,96 @@ def sharp_edges(rest_m: Float[np.ndarray, "k 3"], faces: Int[np.ndarray, "f 3"])
 def shapes(
     rest_m: Float[np.ndarray, "k 3"], faces: Int[np.ndarray, "f 3"], seen: Sequence[Shape]
 ) -> "Figure":
-    """Each shape in three views, true to scale, over the edges of the body at rest."""
-    figure = blank(12, 3.6 * len(seen))
-    outline = 1e3 * rest_m[sharp_edges(rest_m, faces)]
-    rows = figure.subfigures(len(seen), 1, squeeze=False)[:, 0]
+    """Each shape from above, from the side and at an angle, true to scale, over the edges of the body at
+    rest.
+    """
+    figure = blank(12.5, 3.9 * len(seen) + 0.5)
+    edges = sharp_edges(rest_m, faces)
     everything = np.concatenate([rest_m, *(shape.nodes_m for shape in seen)])
-    low, high = 1e3 * everything.min(axis=0) - 3, 1e3 * everything.max(axis=0) + 3
+    low, high = 1e3 * everything.min(axis=0) - 4, 1e3 * everything.max(axis=0) + 4
     largest = max((float(np.linalg.norm(f)) for shape in seen for f in shape.force_N), default=0.0)
+    scale = _ARROW_MM / max(largest, _LEAST_N)
+    rows = figure.subfigures(len(seen), 1, squeeze=False)[:, 0]
     for row, shape in zip(rows, seen, strict=True):
         row.suptitle(shape.title, fontsize="medium")
-        for k, (name, elevation, azimuth) in enumerate(_VIEWS):
-            axes = row.add_subplot(1, len(_VIEWS), k + 1, projection="3d", computed_zorder=False)
-            _draw(axes, outline, faces, shape, 25 / largest if largest > 0 else 0.0)
-            axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-            axes.set_box_aspect(high - low, zoom=1.35)
-            axes.set_proj_type("ortho")
-            axes.view_init(elev=elevation, azim=azimuth)
-            axes.set_title(name, fontsize="small", y=0.95)
-            axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-            axes.tick_params(labelsize=6)
-            if elevation == 90.0:
-                axes.set(zticks=[], zlabel="")
-            elif elevation == 0.0:
-                axes.set(yticks=[], ylabel="")
-        rows[0].legend(*row.axes[0].get_legend_handles_labels(), loc="upper right", fontsize="small")
+        for k, (plane, along, name) in enumerate(_PLANES):
+            axes = row.add_subplot(1, 3, k + 1)
+            _draw_flat(axes, 1e3 * rest_m, faces, edges, shape, plane, along, scale)
+            margin = 0.0 if largest == 0 else _ARROW_MM
+            i, j = plane
+            axes.set(xlim=(low[i], high[i]), ylim=(low[j] - margin * (j == 1), high[j] + margin * (j == 1)))
+            axes.set(xlabel=f"{'xyz'[i]} [mm]", ylabel=f"{'xyz'[j]} [mm]", aspect="equal")
+            axes.set_title(name, fontsize="small")
+        space = row.add_subplot(1, 3, 3, projection="3d", computed_zorder=False)
+        _draw_space(space, 1e3 * rest_m, faces, edges, shape, scale)
+        space.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    handles, labels = rows[0].axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize="small")
     return figure
 
 
-def _draw(axes: "Axes3D", outline_mm: np.ndarray, faces: np.ndarray, shape: Shape, mm_per_N: float) -> None:
+def _draw_flat(
+    axes: "Axes",
+    rest_mm: np.ndarray,
+    faces: np.ndarray,
+    edges: np.ndarray,
+    shape: Shape,
+    plane: tuple[int, int],
+    along: int,
+    mm_per_N: float,
+) -> None:
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    i, j = list(plane), 1e3 * shape.nodes_m
+    # What is nearer to the eye is drawn later: it looks down the z axis or along the y axis.
+    depth = j[faces][:, :, along].mean(axis=1) * (1 if along == 2 else -1)
+    axes.add_collection(LineCollection(list(rest_mm[edges][..., i]), colors=_REST, linewidths=0.7))
+    axes.add_collection(PolyCollection(list(j[faces[np.argsort(depth)]][..., i]), facecolors=[_FILL]))
+    axes.add_collection(LineCollection(list(j[edges][..., i]), colors=[_EDGE], linewidths=0.8))
+    if shape.true_m is not None:
+        axes.plot(*(1e3 * shape.true_m[:, i].T), "o", ms=7, mfc="none", color="0.1", label="true points")
+    if len(shape.point_m):
+        axes.plot(*(1e3 * shape.point_m[:, i].T), ".", ms=6, color="tab:red", label="estimated points")
+    arrow = mm_per_N * shape.force_N
+    start = 1e3 * shape.contact_m - arrow
+    axes.quiver(
+        *start[:, i].T,
+        *arrow[:, i].T,
+        color=_FORCE,
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        width=0.008,
+        zorder=3,
+        label=f"estimated forces, {mm_per_N:.0f} mm per N",
+    )
+
+
+def _draw_space(
+    axes: "Axes3D",
+    rest_mm: np.ndarray,
+    faces: np.ndarray,
+    edges: np.ndarray,
+    shape: Shape,
+    mm_per_N: float,
+) -> None:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
-    corners = 1e3 * shape.nodes_m[faces]
-    body = Poly3DCollection(corners, facecolors=(0.4, 0.6, 0.85, 0.25), edgecolors=(0.2, 0.3, 0.5, 0.25))
-    body.set_linewidth(0.2)
-    axes.add_collection3d(Line3DCollection(outline_mm, colors="0.6", linewidths=0.6, linestyles="--"))
+    now = 1e3 * shape.nodes_m
+    body = Poly3DCollection(now[faces], facecolors=[_FILL], clip_on=False)
+    axes.add_collection3d(Line3DCollection(rest_mm[edges], colors=_REST, linewidths=0.6, clip_on=False))
     axes.add_collection3d(body)
+    axes.add_collection3d(Line3DCollection(now[edges], colors=[_EDGE], linewidths=0.8, clip_on=False))
     if shape.true_m is not None:
-        axes.plot(*(1e3 * shape.true_m.T), "o", ms=6, mfc="none", color="0.15", label="true points")
+        axes.plot(*(1e3 * shape.true_m.T), "o", ms=6, mfc="none", color="0.1", clip_on=False)
     if len(shape.point_m):
-        axes.plot(*(1e3 * shape.point_m.T), ".", ms=5, color="tab:red", label="estimated points")
+        axes.plot(*(1e3 * shape.point_m.T), ".", ms=5, color="tab:red", clip_on=False)
     for place, force in zip(shape.contact_m, shape.force_N, strict=True):
         arrow = mm_per_N * force
-        start = 1e3 * place - arrow
-        axes.quiver(*start, *arrow, color="tab:green", lw=2, arrow_length_ratio=0.3)
+        axes.quiver(*(1e3 * place - arrow), *arrow, color=_FORCE, lw=2, clip_on=False)
+    axes.set_aspect("equal")
+    axes.set_proj_type("ortho")
+    axes.view_init(elev=28, azim=-62)
+    axes.set_title("at an angle", fontsize="small")
+    axes.set(xlabel="x [mm]", yticks=[], zticks=[])
+    axes.tick_params(labelsize=7)

@@ -25,7 +25,11 @@ INWARD = np.array([np.eye(3)[[k, k]] for k in range(3)])
 def tracked(touching: list[bool], force: list[float], *statuses: Status) -> Tracked:
     """A frame of two slots, the first on electrode 2, the second on 0; a cable at 3 N, one pressure."""
     slots = SimpleNamespace(electrode=np.array([2, 0]))
-    details = SimpleNamespace(electrodes=SimpleNamespace(slots=slots), cable_m=np.array([np.nan]))
+    details = SimpleNamespace(
+        electrodes=SimpleNamespace(slots=slots),
+        pressure=SimpleNamespace(valid=np.array([Status.pressure_missing not in statuses])),
+        cable_m=np.array([np.nan]),
+    )
     return Tracked(
         0.5,
         np.array(touching),
@@ -70,6 +74,13 @@ def test_a_shape_that_was_lost_is_not_told() -> None:
     frame = finger_frame(now, state(0.0, 0.0, 0.0, 0.0), posture())
     assert frame.electrode.tolist() == [2, NOWHERE]
     assert np.isnan(frame.posture.point_m).all() and np.isnan(frame.place_m).all()
+
+
+def test_a_pressure_that_is_not_measured_is_not_told() -> None:
+    for statuses, told in (((), 50.0), ((Status.pressure_missing,), np.nan)):
+        now = tracked([False, False], [0.0, 0.0], *statuses)
+        frame = finger_frame(now, state(0.0, 0.0, 0.0, 0.0), posture())
+        np.testing.assert_array_equal(frame.pressure_Pa, [told])
 
 
 def recording(tmp_path: Path, head: str, *rows: str) -> Recording:
