@@ -20,9 +20,9 @@ class DiscTrial(AbstractTrial):
         if asked.electrode is not None or asked.cables:
             raise SoftfuseError("this device is pressed by a disc: say where with --at X,Y in mm")
         if asked.at is None:
-            raise SoftfuseError(
-                "--at is missing: give the centre of the contact as X,Y in mm, such as --at 10,-6"
-            )
+            raise SoftfuseError("--at is missing: give the centre of the contact, X,Y in mm")
+        if asked.force is None:
+            raise SoftfuseError("--force is missing: give the total force in N")
         self._location = parse_location(asked.at)
         self._force = asked.force
         device = asked.device

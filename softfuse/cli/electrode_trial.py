@@ -16,7 +16,7 @@ from softfuse.errors import SoftfuseError
 
 
 class ElectrodeTrial(AbstractTrial):
-    """One electrode pressed, in equal parts on all its patches, while each cable has a length or a tension."""
+    """One electrode pressed, equally on all its patches, while each cable has a length or a tension."""
 
     def __init__(self, asked: Asked):
         """Raises SoftfuseError for an unknown electrode, a quantity that is none, or other options."""
@@ -29,16 +29,14 @@ class ElectrodeTrial(AbstractTrial):
         self._electrode = _number_of(asked)
         cables = [load for load in asked.device.attached if isinstance(load, PulledCable)]
         if len(asked.cables) > len(cables):
-            raise SoftfuseError(
-                f"--cable is given {len(asked.cables)} times, the device has {len(cables)} cables"
-            )
+            raise SoftfuseError(f"--cable is given {len(asked.cables)} times for {len(cables)} cables")
         given = [_driven(cable, text, asked) for cable, text in zip(cables, asked.cables, strict=False)]
         attached = (*(load for load, _ in given), *asked.device.attached[len(given) :])
         self._device = replace(asked.device, attached=attached)
         self._watched = build_watched(asked.config, self._device, asked.mesh)
         patches = asked.device.contact.drives
         start = np.asarray(self._device.rest_state(self.places).drive).copy()
-        start[:patches] = asked.force / patches
+        start[:patches] = (asked.force or 0.0) / patches
         start[patches : patches + len(given)] = [value for _, value in given]
         self._drive = jnp.asarray(start)
 
@@ -115,9 +113,11 @@ def _number_of(asked: Asked) -> int:
     """The electrode that is pressed; the first one without force where none is."""
     names = [electrode.name for electrode in asked.config.electrodes]
     if asked.electrode is None:
-        if asked.force > 0:
+        if asked.force:
             raise SoftfuseError(f"--force needs an --electrode: give one of {_names(asked)}")
         return 0
+    if asked.force is None:
+        raise SoftfuseError("--force is missing: give the force on the electrode in N")
     if asked.electrode not in names:
         raise SoftfuseError(f'there is no electrode "{asked.electrode}": give one of {_names(asked)}')
     return names.index(asked.electrode)
@@ -134,6 +134,4 @@ def _driven(cable: PulledCable, text: str, asked: Asked) -> tuple[AbstractLoad, 
             break
         load = cable if dimension is FORCE else ShortenedCable.of(cable, asked.device.body)
         return load, value
-    raise SoftfuseError(
-        f'--cable "{text}" is neither a length nor a force: give "10 mm" or "2 N", not below 0'
-    )
+    raise SoftfuseError(f'--cable "{text}" is no length or force from 0 up: give "10 mm" or "2 N"')

@@ -1,4 +1,4 @@
-"""softfuse simulate: press on a device with a known force, pull its cables, and see its shape and readings."""
+"""softfuse simulate: press on a device, pull its cables, and see its shape and what its sensors read."""
 
 import json
 from enum import StrEnum
@@ -33,7 +33,7 @@ def simulate(
     config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
     at: Annotated[str | None, typer.Option(help="Centre of the contact of a disc, X,Y in mm.")] = None,
     electrode: Annotated[str | None, typer.Option(help="Name of the electrode that is pressed.")] = None,
-    force: Annotated[float, typer.Option(help="Total force in N.", min=0.0)] = 0.0,
+    force: Annotated[float | None, typer.Option(help="Total force in N.", min=0.0)] = None,
     cable: Annotated[
         list[str] | None,
         typer.Option(help='By how much a cable is shortened ("10 mm") or pulled ("2 N"); once for each.'),
@@ -57,7 +57,7 @@ def simulate(
         solution = equilibrium_under(trial.device, trial.places, trial.drive)
     result = result_name(solution.result)
     if result != "converged":
-        raise SolveError(f"no equilibrium at {force:g} N: {RESULTS[solution.result]}")
+        raise SolveError(f"no equilibrium at {force or 0:g} N: {RESULTS[solution.result]}")
     numbers: dict[str, Any] = {
         **trial.numbers(solution.state),
         "nodes": device.body.n_nodes,

@@ -14,14 +14,14 @@ from softfuse.estimation.device import Device
 
 @dataclass(frozen=True, eq=False)
 class Asked:
-    """A device and what the command line asks to be done to it: `force` [N] in all; None for what is not
-    given, texts as they stand there.
+    """A device and what the command line asks to be done to it: `force` [N] in all, texts as they stand
+    there; None for what is not given.
     """
 
     config: DeviceConfig
     device: Device
     mesh: DeviceMesh
-    force: float
+    force: float | None
     at: str | None
     contact: str | None
     electrode: str | None

@@ -35,7 +35,7 @@ def pressures_over_time(
         below.plot(time_s, misfit_kPa[:, k], lw=1, color=colour(k))
     above.set(ylabel="gauge pressure [kPa]", title="wide: measured, thin: model")
     below.set(xlabel="time [s]", ylabel="misfit [kPa]")
-    above.legend(loc="upper right", ncols=3, fontsize="small")
+    _legend(above)
     _grid(above, below)
     return figure
 
@@ -58,7 +58,7 @@ def cables_over_time(
         below.plot(time_s, tension_N[:, k], lw=1, color=colour(k))
     above.set(ylabel="shortening [mm]", title="wide: measured, below true; thin: estimated")
     below.set(xlabel="time [s]", ylabel="tension [N]")
-    above.legend(loc="upper right", fontsize="small")
+    _legend(above)
     _grid(above, below)
     return figure
 
@@ -77,7 +77,7 @@ def contacts_over_time(
         axes.plot(time_s, force_N[:, k], ".-", lw=1, ms=2, color=colour(k), label=name)
     axes.set(xlabel="time [s]", ylabel="normal force [N]", title="wide: true, thin: estimated")
     if len(names):
-        axes.legend(loc="upper right", fontsize="small", title="electrode")
+        _legend(axes)
     _grid(axes)
     return figure
 
@@ -92,7 +92,7 @@ def bending_over_time(
         axes.plot(time_s, turn_deg[:, k], lw=1, color=colour(k), label=f"segment {k}")
     axes.plot(time_s, tip_deg, "--", lw=1, color=TRUTH, label="tip against rest")
     axes.set(xlabel="time [s]", ylabel="bending [deg]")
-    axes.legend(loc="upper right", ncols=2, fontsize="small")
+    _legend(axes)
     _grid(axes)
     return figure
 
@@ -114,7 +114,7 @@ def points_over_time(
         axes.set(ylabel=f"moved along {'xyz'[axis]} [mm]")
     title = "thin: estimated" if true_mm is None else "wide: true, thin: estimated"
     rows[0].set(title=title)
-    rows[0].legend(loc="upper right", ncols=4, fontsize="small")
+    _legend(rows[0])
     rows[-1].set(xlabel="time [s]")
     _grid(*rows)
     return figure
@@ -153,6 +153,10 @@ def points_over_depth(
     figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize="small")
     figure.suptitle("lines: true (dashed with cable), marks: estimated", fontsize="medium")
     return figure
+
+
+def _legend(axes: "Axes") -> None:
+    axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")
 
 
 def _grid(*many: "Axes") -> None:

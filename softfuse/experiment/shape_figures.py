@@ -55,28 +55,34 @@ def shapes(
     """Each shape from above, from the side and at an angle, true to scale, over the edges of the body at
     rest.
     """
-    figure = blank(12.5, 3.9 * len(seen) + 0.5)
+    height = 3.1 * len(seen) + 0.5
+    figure = blank(12.5, height)
+    # Titles are wider than what they stand over, and artists in space larger than their axes.
+    figure.set_layout_engine("none")
+    inch = 1 / height
+    grid = figure.add_gridspec(
+        len(seen), 3, left=0.05, right=0.99, bottom=0.9 * inch, top=1 - 0.3 * inch, wspace=0.2, hspace=0.3
+    )
     edges = sharp_edges(rest_m, faces)
     everything = np.concatenate([rest_m, *(shape.nodes_m for shape in seen)])
     low, high = 1e3 * everything.min(axis=0) - 4, 1e3 * everything.max(axis=0) + 4
     largest = max((float(np.linalg.norm(f)) for shape in seen for f in shape.force_N), default=0.0)
     scale = _ARROW_MM / max(largest, _LEAST_N)
-    rows = figure.subfigures(len(seen), 1, squeeze=False)[:, 0]
-    for row, shape in zip(rows, seen, strict=True):
-        row.suptitle(shape.title, fontsize="medium")
+    for row, shape in enumerate(seen):
         for k, (plane, along, name) in enumerate(_PLANES):
-            axes = row.add_subplot(1, 3, k + 1)
+            axes = figure.add_subplot(grid[row, k])
             _draw_flat(axes, 1e3 * rest_m, faces, edges, shape, plane, along, scale)
-            margin = 0.0 if largest == 0 else _ARROW_MM
-            i, j = plane
-            axes.set(xlim=(low[i], high[i]), ylim=(low[j] - margin * (j == 1), high[j] + margin * (j == 1)))
-            axes.set(xlabel=f"{'xyz'[i]} [mm]", ylabel=f"{'xyz'[j]} [mm]", aspect="equal")
-            axes.set_title(name, fontsize="small")
-        space = row.add_subplot(1, 3, 3, projection="3d", computed_zorder=False)
-        _draw_space(space, 1e3 * rest_m, faces, edges, shape, scale)
+            margin = np.array([0.0, _ARROW_MM if largest > 0 and along == 2 else 0.0])
+            (left, bottom), (right, top) = low[list(plane)] - margin, high[list(plane)] + margin
+            axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+            axes.set(xlabel=f"x [mm], {name}", ylabel=f"{'xyz'[plane[1]]} [mm]")
+        figure.axes[-2].set_title(shape.title, fontsize="medium", loc="left")
+        space = figure.add_subplot(grid[row, 2], projection="3d", computed_zorder=False)
         space.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    handles, labels = rows[0].axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=3, fontsize="small")
+        _draw_space(space, 1e3 * rest_m, faces, edges, shape, scale)
+        space.set_box_aspect(high - low, zoom=1.25)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower center", ncols=3, fontsize="small")
     return figure
 
 
@@ -92,12 +98,12 @@ def _draw_flat(
 ) -> None:
     from matplotlib.collections import LineCollection, PolyCollection
 
-    i, j = list(plane), 1e3 * shape.nodes_m
+    i, now = list(plane), 1e3 * shape.nodes_m
     # What is nearer to the eye is drawn later: it looks down the z axis or along the y axis.
-    depth = j[faces][:, :, along].mean(axis=1) * (1 if along == 2 else -1)
+    depth = now[faces][:, :, along].mean(axis=1) * (1 if along == 2 else -1)
     axes.add_collection(LineCollection(list(rest_mm[edges][..., i]), colors=_REST, linewidths=0.7))
-    axes.add_collection(PolyCollection(list(j[faces[np.argsort(depth)]][..., i]), facecolors=[_FILL]))
-    axes.add_collection(LineCollection(list(j[edges][..., i]), colors=[_EDGE], linewidths=0.8))
+    axes.add_collection(PolyCollection(list(now[faces[np.argsort(depth)]][..., i]), facecolors=[_FILL]))
+    axes.add_collection(LineCollection(list(now[edges][..., i]), colors=[_EDGE], linewidths=0.8))
     if shape.true_m is not None:
         axes.plot(*(1e3 * shape.true_m[:, i].T), "o", ms=7, mfc="none", color="0.1", label="true points")
     if len(shape.point_m):
@@ -139,9 +145,7 @@ def _draw_space(
     for place, force in zip(shape.contact_m, shape.force_N, strict=True):
         arrow = mm_per_N * force
         axes.quiver(*(1e3 * place - arrow), *arrow, color=_FORCE, lw=2, clip_on=False)
-    axes.set_aspect("equal")
     axes.set_proj_type("ortho")
     axes.view_init(elev=28, azim=-62)
-    axes.set_title("at an angle", fontsize="small")
     axes.set(xlabel="x [mm]", yticks=[], zticks=[])
     axes.tick_params(labelsize=7)
