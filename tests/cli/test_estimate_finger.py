@@ -4,11 +4,22 @@ import csv
 import gzip
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from softfuse.cli import main
+from softfuse.cli.estimate import study_of
+from softfuse.cli.recording_report import summary, write_estimates, write_report
+from softfuse.cli.study import Estimated
+from softfuse.config import load
+from softfuse.config.build_device import build_device
+from softfuse.config.build_mesh import build_mesh
+from softfuse.estimation.tracker import Tracked
+from softfuse.hardware.recording import read_recording
+from softfuse.sensing.status import Status
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests" / "data" / "finger_one_push.csv.gz"
@@ -216,13 +227,44 @@ def test_what_a_recording_lacks_is_told_in_a_line(
 
 
 def test_without_truth_there_is_no_evaluation(tmp_path: Path, coarse: Path) -> None:
-    rows = recorded()
-    truth = [name for name in rows[0] if name.startswith("true_")]
-    recording = written(tmp_path / "plain.csv", without(rows[:4], "press", "sample", *truth))
-    assert code_of("estimate", coarse, recording, "--out", tmp_path, "--quiet") == 0
-    numbers = json.loads((tmp_path / "summary.json").read_text())
+    names = [name for name in recorded()[0] if name.startswith("true_")]
+    path = written(tmp_path / "plain.csv", without(recorded()[:3], "press", "sample", *names))
+    config = load(coarse)
+    mesh = build_mesh(config)
+    device = build_device(config, mesh)
+    estimated = Estimated(config, device, mesh, read_recording(path, []))
+    study = study_of(estimated)
+    slots, nothing = SimpleNamespace(electrode=np.zeros(2, int)), np.zeros(2)
+    details = SimpleNamespace(
+        electrodes=SimpleNamespace(slots=slots),
+        pressure=SimpleNamespace(valid=np.zeros(6, bool)),
+        cable_m=np.zeros(1),
+    )
+    for k in range(2):
+        readings = (np.zeros(7), np.ones(7), np.full(7, np.nan))
+        estimated.found.append(
+            Tracked(
+                0.1 * k,
+                nothing > 0,
+                np.full((2, 3), np.nan),
+                nothing,
+                np.zeros(7),
+                *readings,
+                details,
+                (Status.no_contact,),
+                0.01,
+            )
+        )
+        study.see(estimated.found[-1], device.rest_state(jnp.zeros(2, int)))
+    numbers = summary(estimated, study)
     assert not {"position_error_mm", "force_error_percent", "phantom_force_N", "samples"} & set(numbers)
+    write_report(tmp_path / "report.html", estimated, study, numbers)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Table III" not in text and "<h2>Points</h2>" in text
-    # Nothing has touched and nothing was pulled: there is no shape to keep.
-    assert "<h2>Shape</h2>" not in text and not list(tmp_path.glob("*.vtu"))
+    # Nothing has touched and nothing was pulled: there is no shape to keep, and no number to be guessed.
+    assert "<h2>Shape</h2>" not in text and not study.peaks
+    write_estimates(tmp_path / "estimates.csv", estimated, study)
+    with (tmp_path / "estimates.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["p0_x_mm"] for row in rows] == ["117.000"] * 2 and rows[0]["pressure0_Pa"] == ""
+    assert rows[0]["residual"] == "" and rows[0]["contact0_electrode"] == ""
