@@ -48,7 +48,9 @@ def finger_sections(
             [cable.name for cable in config.cables],
         )
         parts.append(("Cables", picture(cables, "By how much each cable is shortened, and its tension.")))
-    parts.append(("Forces", _forces(estimated, series)))
+    electrodes = _pressed(estimated, series)
+    if electrodes:
+        parts.append(("Forces", _forces(estimated, series, electrodes)))
     if config.centreline:
         bent = finger_figures.bending_over_time(
             series.time_s, np.rad2deg(series.turn), np.rad2deg(series.tip_turn)
@@ -140,11 +142,15 @@ def _space(estimated: Estimated, shown: Sequence[Shape]) -> str:
     )
 
 
-def _forces(estimated: Estimated, series: FingerSeries) -> str:
-    """Forces by electrode, of those that are touched or pressed in some frame."""
+def _pressed(estimated: Estimated, series: FingerSeries) -> list[int]:
+    """The electrodes that are touched, or truly pressed, in some frame."""
     truth = series.truth
-    pressed = [*series.electrode.ravel(), *truth.electrode[truth.force_N > 0].ravel()]
-    electrodes = [e for e in range(len(estimated.config.electrodes)) if e in pressed]
+    pressed = {*series.electrode.ravel(), *truth.electrode[truth.force_N > 0].ravel()}
+    return [e for e in range(len(estimated.config.electrodes)) if e in pressed]
+
+
+def _forces(estimated: Estimated, series: FingerSeries, electrodes: Sequence[int]) -> str:
+    truth = series.truth
     found = _by_electrode(electrodes, series.electrode, series.contact_N)
     true = _by_electrode(electrodes, truth.electrode, truth.force_N)
     names = [estimated.config.electrodes[e].name for e in electrodes]
