@@ -59,10 +59,9 @@ def shapes(
     figure = blank(12.5, height)
     # Titles are wider than what they stand over, and artists in space larger than their axes.
     figure.set_layout_engine("none")
-    inch = 1 / height
-    grid = figure.add_gridspec(
-        len(seen), 3, left=0.05, right=0.99, bottom=0.9 * inch, top=1 - 0.3 * inch, wspace=0.2, hspace=0.3
-    )
+    across = {"left": 0.05, "right": 1.0, "wspace": 0.17, "width_ratios": (1.0, 1.0, 1.2)}
+    upwards = {"bottom": 0.9 / height, "top": 1 - 0.3 / height, "hspace": 0.3}
+    grid = figure.add_gridspec(len(seen), 3, **across, **upwards)
     edges = sharp_edges(rest_m, faces)
     everything = np.concatenate([rest_m, *(shape.nodes_m for shape in seen)])
     low, high = 1e3 * everything.min(axis=0) - 4, 1e3 * everything.max(axis=0) + 4
@@ -80,7 +79,7 @@ def shapes(
         space = figure.add_subplot(grid[row, 2], projection="3d", computed_zorder=False)
         space.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
         _draw_space(space, 1e3 * rest_m, faces, edges, shape, scale)
-        space.set_box_aspect(high - low, zoom=1.25)
+        space.set_box_aspect(high - low)
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=3, fontsize="small")
     return figure
