@@ -1,84 +1,64 @@
-"""What `softfuse estimate` says about a recording: numbers, tables and figures."""
+"""What `softfuse estimate` writes about a recording of any device: rows, numbers and the report."""
 
-import math
+import csv
 from collections import Counter
-from dataclasses import asdict, dataclass
-from functools import cached_property
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Array
 
-from softfuse.cli.recorded import sample_frames, samples_at
-from softfuse.config import DeviceConfig
-from softfuse.config.build_mesh import DeviceMesh
-from softfuse.estimation.device import Device
+from softfuse.cli.study import AbstractStudy, Estimated, known, number
 from softfuse.estimation.tracker import Tracked
 from softfuse.experiment import figures
-from softfuse.experiment.accuracy import Samples, Spread, force_table, location_table
 from softfuse.experiment.report import page, picture, spread_table, table
-from softfuse.hardware.recording import Recording
-from softfuse.mesh.surface import outer_surface
+from softfuse.mesh.files import write_mesh
+from softfuse.sensing.status import Status
 
 
-@dataclass(frozen=True, eq=False)
-class Peak:
-    """The frame of a touch in which the force [N] was largest, and the body's unknowns z (n,) then."""
-
-    frame: int
-    force_N: float
-    z: Array
-
-
-class Peaks:
-    """Keeps the peak of each touch while the frames go by."""
-
-    def __init__(self):
-        """Nothing has touched."""
-        self.kept: list[Peak] = []
-        self._within_touch = False
-
-    def see(self, frame: int, now: Tracked, z: Array) -> None:
-        """Look at the next frame; without an estimated force it only ends a touch or lets it go on."""
-        if not now.contacts:
-            self._within_touch = False
-        elif now.force_N > 0:
-            if not self._within_touch:
-                self.kept.append(Peak(frame, now.force_N, z))
-            elif now.force_N > self.kept[-1].force_N:
-                self.kept[-1] = Peak(frame, now.force_N, z)
-            self._within_touch = True
+def write_estimates(path: Path, estimated: Estimated, study: AbstractStudy) -> None:
+    """One row a frame; unknown numbers are empty fields."""
+    with path.open("w", newline="") as stream:
+        writer = csv.writer(stream)
+        writer.writerow(["time_s", "contacts", *study.columns, "residual", "latency_ms", "status"])
+        malformed_rows = estimated.recording.malformed
+        for frame, (now, malformed) in enumerate(zip(estimated.found, malformed_rows, strict=True)):
+            statuses = [str(status) for status in now.statuses if not (malformed and status is Status.ok)]
+            writer.writerow(
+                [
+                    number(now.time_s, 4),
+                    now.contacts,
+                    *study.row(frame),
+                    number(study.residual(now), 3),
+                    number(1e3 * now.latency_s, 2),
+                    "; ".join([*(["malformed row"] if malformed else []), *statuses]),
+                ]
+            )
 
 
-@dataclass(frozen=True, eq=False)
-class Estimated:
-    """A recording, what was estimated from its frames, and the shape at the peak of each touch."""
-
-    config: DeviceConfig
-    device: Device
-    mesh: DeviceMesh
-    recording: Recording
-    found: list[Tracked]
-    peaks: list[Peak]
-
-    @cached_property
-    def samples(self) -> Samples | None:
-        """Estimates and truth where the recording knows it; None where it never does."""
-        at = sample_frames(self.recording)
-        return samples_at(self.recording, self.found, at) if at.size else None
+def write_shapes(folder: Path, estimated: Estimated, study: AbstractStudy) -> None:
+    """The study's shapes as shape_NN.vtu."""
+    for k, peak in enumerate(study.peaks):
+        displacement = np.asarray(estimated.device.body.displacement(peak.z))
+        write_mesh(
+            folder / f"shape_{k:02d}.vtu", estimated.mesh.mesh, point_data={"displacement": displacement}
+        )
 
 
-def summary(estimated: Estimated) -> dict[str, Any]:
-    """The numbers of summary.json: counts, latency [ms], and with truth Tables I [mm] and II [%]."""
+def _timed(found: list[Tracked]) -> list[Tracked]:
+    """The frames that took an estimate: without anything attached the body rests while nothing touches."""
+    return [row for row in found if row.contacts or row.attached.size]
+
+
+def summary(estimated: Estimated, study: AbstractStudy) -> dict[str, Any]:
+    """The numbers of summary.json: counts, latency [ms], and with truth the errors."""
     found = estimated.found
-    contact = [row for row in found if row.contacts]
-    latency = 1e3 * np.array([row.latency_s for row in contact])
-    numbers: dict[str, Any] = {
+    latency = 1e3 * np.array([row.latency_s for row in _timed(found)])
+    return {
         "device": estimated.config.device.name,
         "recording": str(estimated.recording.path),
         "frames": len(found),
-        "contact_frames": len(contact),
+        "contact_frames": sum(row.contacts > 0 for row in found),
         "malformed_rows": int(estimated.recording.malformed.sum()),
         "recording_complete": estimated.recording.complete,
         "nodes": estimated.device.body.n_nodes,
@@ -88,47 +68,27 @@ def summary(estimated: Estimated) -> dict[str, Any]:
             for name, q in (("p50", 0.5), ("p99", 0.99), ("max", 1.0))
         },
         "statuses": dict(Counter(str(status) for row in found for status in row.statuses).most_common()),
+        **{
+            errors.key: {
+                name: asdict(spread) | {"mean": known(spread.mean), "std": known(spread.std)}
+                for name, spread in errors.groups.items()
+            }
+            for errors in study.errors
+        },
+        **study.numbers(),
     }
-    samples = estimated.samples
-    if samples is not None:
-        for key, _, _, groups in _tables(samples):
-            numbers[key] = {name: _json(spread) for name, spread in groups.items()}
-        numbers["samples"] = len(samples.level)
-        numbers["samples_without_estimate"] = int(np.sum(~np.isfinite(samples.force_N)))
-    return numbers
 
 
-def _tables(samples: Samples) -> list[tuple[str, str, str, dict[str, Spread]]]:
-    """Key in summary.json, title in the report, unit and groups of the paper's tables."""
-    return [
-        (key, title, unit, {name: spread.scaled(factor) for name, spread in groups.items()})
-        for key, title, unit, factor, groups in (
-            ("location_error_mm", "Table I: location error", "mm", 1e3, location_table(samples)),
-            ("force_error_percent", "Table II: force error", "%", 100.0, force_table(samples)),
-        )
-    ]
-
-
-def _json(spread: Spread) -> dict[str, float | None]:
-    return {name: value if math.isfinite(value) else None for name, value in asdict(spread).items()}
-
-
-def write_report(path: Path, estimated: Estimated, numbers: dict[str, Any]) -> None:
+def write_report(path: Path, estimated: Estimated, study: AbstractStudy, numbers: dict[str, Any]) -> None:
     """Write report.html."""
-    samples = estimated.samples
     sections = [("Recording", _overview(numbers))]
-    if samples is not None:
-        sections += [(title, spread_table(unit, groups)) for _, title, unit, groups in _tables(samples)]
-        if np.any(np.isfinite(samples.force_N)):
-            caption = "Left: estimated over true force. Right: force error at the true locations."
-            sections.append(("Force against truth", picture(figures.force_agreement(samples), caption)))
-    sections.append(("Over time", _over_time(estimated)))
-    sections.append(("Location", _places(estimated, samples)))
-    if estimated.peaks:
-        sections.append(("Shape at the largest force", _shape(estimated)))
-    if numbers["contact_frames"]:
-        latency = np.array([1e3 * row.latency_s for row in estimated.found if row.contacts])
-        sections.append(("Latency", picture(figures.latencies(latency), "Frames with contact.")))
+    sections += [(errors.title, spread_table(errors.unit, errors.groups)) for errors in study.errors]
+    sections += study.sections()
+    timed = _timed(estimated.found)
+    if timed:
+        latency = np.array([1e3 * row.latency_s for row in timed])
+        caption = "Every frame." if len(timed) == len(estimated.found) else "Frames with contact."
+        sections.append(("Latency", picture(figures.latencies(latency), caption)))
     path.write_text(page(f"{numbers['device']}: {estimated.recording.path.name}", sections), encoding="utf-8")
 
 
@@ -147,55 +107,3 @@ def _overview(numbers: dict[str, Any]) -> str:
         rows.append(("samples without an estimate", str(numbers["samples_without_estimate"])))
     statuses = [(name, str(count)) for name, count in numbers["statuses"].items()]
     return table(("", "value"), rows) + table(("status", "frames"), statuses)
-
-
-def _over_time(estimated: Estimated) -> str:
-    found = estimated.found
-    time = np.array([row.time_s for row in found])
-    force = np.array([row.force_N for row in found])
-    true = estimated.recording.columns.get("true_force_N")
-    measured = 1e9 * np.array([row.reading for row in found])
-    misfit = 1e9 * np.array([row.misfit for row in found])
-    names = [cavity.name for cavity in estimated.config.cavities]
-    return picture(figures.force_over_time(time, force, true), "Normal force.") + picture(
-        figures.volumes_over_time(
-            time, measured.reshape(-1, len(names)), misfit.reshape(-1, len(names)), names
-        ),
-        "Volume changes of the cavities.",
-    )
-
-
-def _places(estimated: Estimated, samples: Samples | None) -> str:
-    outlines = []
-    for surface in estimated.mesh.cavities:
-        corners = 1e3 * estimated.mesh.mesh.nodes[np.unique(surface.faces[:, :3]), :2]
-        (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
-        outlines.append(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
-    places = 1e3 * np.array([row.centre_m[:2] for row in estimated.found]).reshape(-1, 2)
-    return picture(figures.location_map(places, samples, outlines), "Contacts from above, over the cavities.")
-
-
-def _shape(estimated: Estimated) -> str:
-    assert estimated.config.sensors is not None  # a recording was estimated
-    peak = max(estimated.peaks, key=lambda peak: peak.force_N)
-    row = estimated.found[peak.frame]
-    mesh = estimated.mesh.mesh
-    displacement = np.asarray(estimated.device.body.displacement(peak.z))
-    faces = outer_surface(mesh).faces
-    flat = faces[:, :3] if faces.shape[1] == 3 else _split(faces)
-    x, y = 1e3 * row.centre_m[:2]
-    array = estimated.config.sensors.capacitive
-    lines = (1e3 * np.array(array.column_x), 1e3 * np.array(array.row_y))
-    image = figures.electrode_image(row.details.image, *lines)
-    caption = f"{row.force_N:.2f} N at ({x:.1f}, {y:.1f}) mm, {row.time_s:.2f} s. Each touch: shape_NN.vtu."
-    return picture(figures.deformed_shape(mesh.nodes, displacement, flat), caption) + picture(
-        image, "Image of the electrodes in that frame."
-    )
-
-
-def _split(faces: np.ndarray) -> np.ndarray:
-    """Four flat triangles for each quadratic face."""
-    a, b, c, ab, bc, ca = faces.T
-    return np.concatenate(
-        [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-    )

@@ -1,23 +1,23 @@
-"""softfuse simulate: press on a device with a known force and see its shape and volumes."""
+"""softfuse simulate: press on a device, pull its cables, and see its shape and what its sensors read."""
 
 import json
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 import typer
 
+from softfuse.cli.disc_trial import DiscTrial
+from softfuse.cli.electrode_trial import ElectrodeTrial
 from softfuse.cli.terminal import Quiet, busy, stdout
+from softfuse.cli.trial import AbstractTrial, Asked
 from softfuse.config import load
-from softfuse.config.build_device import build_device, with_contact_model
+from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
 from softfuse.equilibrium.punch import PunchContact
 from softfuse.equilibrium.solution import RESULTS
-from softfuse.errors import SoftfuseError, SolveError
-from softfuse.estimation.device import Device
+from softfuse.errors import SolveError
 from softfuse.estimation.device import simulate as equilibrium_under
 from softfuse.mesh.files import write_mesh
 
@@ -31,37 +31,35 @@ class ContactModel(StrEnum):
 
 def simulate(
     config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
-    at: Annotated[str, typer.Option(help="Centre of the contact, X,Y in mm.")],
-    force: Annotated[float, typer.Option(help="Total force in N.", min=0.0)],
+    at: Annotated[str | None, typer.Option(help="Centre of the contact of a disc, X,Y in mm.")] = None,
+    electrode: Annotated[str | None, typer.Option(help="Name of the electrode that is pressed.")] = None,
+    force: Annotated[float | None, typer.Option(help="Total force in N.", min=0.0)] = None,
+    cable: Annotated[
+        list[str] | None,
+        typer.Option(help='By how much a cable is shortened ("10 mm") or pulled ("2 N"); once for each.'),
+    ] = None,
     contact: Annotated[
         ContactModel | None,
-        typer.Option(help="How the force is spread; default: the config's."),
+        typer.Option(help="How the force of a disc is spread; default: the config's."),
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="File for the numbers.")] = None,
     vtu: Annotated[Path | None, typer.Option(help="File for the deformed mesh (VTU).")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Press on a device and report depth and volume changes."""
-    location = parse_location(at)
+    """Press on a device or pull its cables, and report its shape and what its sensors read."""
     settings = load(config)
     with busy("meshing", quiet=quiet):
         mesh = build_mesh(settings)
         device = build_device(settings, mesh)
-    if contact is not None:
-        device = with_contact_model(device, contact.value)
-    check_on_body(device, location)
+    model = None if contact is None else contact.value
+    trial = trial_of(Asked(settings, device, mesh, force, at, model, electrode, cable or []))
     with busy("solving", quiet=quiet):
-        solution = eqx.filter_jit(equilibrium_under)(
-            device, jnp.asarray(location)[None], jnp.array([float(force)])
-        )
-        change = device.reading(solution.state)
+        solution = equilibrium_under(trial.device, trial.places, trial.drive)
     result = result_name(solution.result)
     if result != "converged":
-        raise SolveError(f"no equilibrium at {force:g} N: {RESULTS[solution.result]}")
+        raise SolveError(f"no equilibrium at {force or 0:g} N: {RESULTS[solution.result]}")
     numbers: dict[str, Any] = {
-        "force_N": float(solution.state.drive[0]),
-        "depth_mm": 1e3 * float(solution.state.internal[0]),
-        "volume_change_mm3": [1e9 * float(v) for v in change],
+        **trial.numbers(solution.state),
         "nodes": device.body.n_nodes,
         "dof": device.body.n,
         "newton_iterations": int(solution.stats.newton_iterations),
@@ -74,39 +72,12 @@ def simulate(
         displacement = np.asarray(device.body.displacement(solution.state.z))
         write_mesh(vtu, mesh.mesh, point_data={"displacement": displacement})
     if not quiet:
-        volumes = ", ".join(f"{v:.2f}" for v in numbers["volume_change_mm3"])
-        stdout.print(
-            f"{force:g} N at ({1e3 * location[0]:g}, {1e3 * location[1]:g}) mm: "
-            f"depth {numbers['depth_mm']:.4f} mm, volume changes {volumes} mm³ "
-            f"({numbers['nodes']} nodes, {numbers['newton_iterations']} iterations)",
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
-        )
+        stdout.print(trial.told(numbers), markup=False, highlight=False, soft_wrap=True)
 
 
-def parse_location(text: str) -> np.ndarray:
-    """X,Y in mm as (x, y, 0) in m; raises SoftfuseError when the text is something else."""
-    try:
-        x, y = (float(part) for part in text.split(","))
-    except ValueError:
-        raise SoftfuseError(f'--at "{text}" is not a place: give X,Y in mm, such as --at 10,-6') from None
-    return 1e-3 * np.array([x, y, 0.0])
-
-
-def check_on_body(device: Device, location: np.ndarray) -> None:
-    """Raise SoftfuseError unless the whole disc stands on the body."""
-    if not isinstance(device.contact, PunchContact):
-        raise SoftfuseError("this device is pressed at its electrodes, not at any place by a disc")
-    disc = device.contact.at(jnp.asarray(location))
-    if float(disc.overlap(device.body)) < 1.0:
-        points = np.asarray(device.body.rest)[np.unique(disc.surface.faces)]
-        low, high = 1e3 * points.min(axis=0), 1e3 * points.max(axis=0)
-        raise SoftfuseError(
-            f"the contact at ({1e3 * location[0]:g}, {1e3 * location[1]:g}) mm with radius "
-            f"{1e3 * float(disc.radius):g} mm overhangs the surface, which spans "
-            f"x {low[0]:g} to {high[0]:g} mm and y {low[1]:g} to {high[1]:g} mm: move it inwards"
-        )
+def trial_of(asked: Asked) -> AbstractTrial:
+    """What is done to the device's kind of contact; raises SoftfuseError when it cannot be."""
+    return DiscTrial(asked) if isinstance(asked.device.contact, PunchContact) else ElectrodeTrial(asked)
 
 
 def result_name(result: RESULTS) -> str:

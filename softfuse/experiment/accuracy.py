@@ -73,3 +73,8 @@ def location_table(samples: Samples) -> dict[str, Spread]:
 def force_table(samples: Samples) -> dict[str, Spread]:
     """Table II: force error [-] by group."""
     return {name: spread(samples.force_error[mask]) for name, mask in samples.groups().items()}
+
+
+def scaled(groups: dict[str, Spread], factor: float) -> dict[str, Spread]:
+    """A table in another unit."""
+    return {name: each.scaled(factor) for name, each in groups.items()}

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 ESTIMATE, TRUTH = "tab:blue", "0.35"
 
 
-def _figure(width: float, height: float) -> "Figure":
+def blank(width: float, height: float) -> "Figure":
+    """An empty figure of width and height [inch]."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained", dpi=110)
@@ -26,7 +27,7 @@ def force_over_time(
     true_force_N: Float[np.ndarray, " n"] | None,
 ) -> "Figure":
     """Estimated force over time, and the true one where it is known."""
-    figure = _figure(9, 2.8)
+    figure = blank(9, 2.8)
     axes = figure.subplots()
     if true_force_N is not None:
         axes.plot(time_s, true_force_N, color=TRUTH, lw=2.5, alpha=0.6, label="true")
@@ -44,7 +45,7 @@ def volumes_over_time(
     names: Sequence[str],
 ) -> "Figure":
     """Measured volume changes over time and what the model with the estimated force makes of them."""
-    figure = _figure(9, 3.2)
+    figure = blank(9, 3.2)
     axes = figure.subplots()
     for k, name in enumerate(names):
         (line,) = axes.plot(time_s, measured_mm3[:, k], lw=2.5, alpha=0.4, label=f"cavity {name}")
@@ -61,7 +62,7 @@ def location_map(
     cavity_outlines_mm: Sequence[Float[np.ndarray, "c 2"]],
 ) -> "Figure":
     """Estimated locations of all frames seen from above; at the samples, lines lead to the truth."""
-    figure = _figure(5.2, 5)
+    figure = blank(5.2, 5)
     axes = figure.subplots()
     for outline in cavity_outlines_mm:
         axes.fill(*outline.T, color="0.93", ec="0.7", zorder=0)
@@ -82,7 +83,7 @@ def location_map(
 
 def force_agreement(samples: Samples) -> "Figure":
     """Estimated over true force, and the relative error at each true location (paper, Fig. 10)."""
-    figure = _figure(9, 4)
+    figure = blank(9, 4)
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
     top = 1.1 * np.nanmax([samples.true_force_N, samples.force_N])
     left.plot([0, top], [0, top], color=TRUTH, lw=1)
@@ -111,7 +112,7 @@ def force_agreement(samples: Samples) -> "Figure":
 
 def electrode_image(image: Float[np.ndarray, "c r"], x_mm: np.ndarray, y_mm: np.ndarray) -> "Figure":
     """The capacitive image s_col ⊗ s_row, at most 1, over the lines' positions [mm]."""
-    figure = _figure(4.2, 3.6)
+    figure = blank(4.2, 3.6)
     axes = figure.subplots()
     shown = axes.pcolormesh(x_mm, y_mm, image.T / np.max(image), cmap="viridis", shading="nearest")
     figure.colorbar(shown, ax=axes, label="signal / largest")
@@ -130,7 +131,7 @@ def deformed_shape(
     from matplotlib.colors import Normalize
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    figure = _figure(6.4, 4.2)
+    figure = blank(6.4, 4.2)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     moved = 1e3 * np.linalg.norm(displacement_m, axis=1)[faces].mean(axis=1)
     scale = Normalize(0, max(float(moved.max(initial=0.0)), 1e-3))
@@ -151,8 +152,18 @@ def deformed_shape(
 
 def latencies(latency_ms: Float[np.ndarray, " n"]) -> "Figure":
     """How long the frames with a contact took."""
-    figure = _figure(5, 2.6)
+    figure = blank(5, 2.6)
     axes = figure.subplots()
     axes.hist(latency_ms, bins=60, range=(0, np.quantile(latency_ms, 0.995)), color=ESTIMATE)
     axes.set(xlabel="latency [ms]", ylabel="frames")
     return figure
+
+
+def flat_triangles(faces: Int[np.ndarray, "f s"]) -> Int[np.ndarray, "t 3"]:
+    """The faces (f, 3) themselves, or four flat triangles for each of quadratic ones (f, 6)."""
+    if faces.shape[1] == 3:
+        return faces
+    a, b, c, ab, bc, ca = faces.T
+    return np.concatenate(
+        [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+    )

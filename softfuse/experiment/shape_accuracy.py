@@ -10,6 +10,9 @@ from jaxtyping import Float, Int
 
 from softfuse.experiment.accuracy import Spread, spread
 
+PULLED_M = 1e-3
+"""A cable that is shorter by more counts as pulled [m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class ShapeSamples:
@@ -33,7 +36,7 @@ class ShapeSamples:
 
     def groups(self) -> dict[str, np.ndarray]:
         """Masks (s,) of all rows, those with and without a pulled cable, and those of each depth."""
-        pulled = self.cable_m > 1e-3
+        pulled = self.cable_m > PULLED_M
         every = np.ones(len(self.level), bool)
         levels = {f"level_{k}": self.level == k for k in np.unique(self.level)}
         return {"all": every, "with_cable": pulled, "without_cable": ~pulled, **levels}

@@ -30,6 +30,13 @@ def bending(points: Float[Array, "p 3"], rest: Float[Array, "p 3"]) -> Bending:
     return Bending(turn, turn / length)
 
 
+def tip_turn(points: Float[Array, "p 3"], rest: Float[Array, "p 3"]) -> Float[Array, ""]:
+    """Angle [rad], between 0 and π, of the last link of the chain of points (p, 3) m with its own direction
+    at `rest` (p, 3) m.
+    """
+    return _angles(jnp.stack([rest[-1] - rest[-2], points[-1] - points[-2]]))[0]
+
+
 def _angles(links: Float[Array, "m 3"]) -> Float[Array, " n"]:
     """Angles (m − 1,) [rad] between successive links (m, 3)."""
     unit = links / jnp.linalg.norm(links, axis=1, keepdims=True)

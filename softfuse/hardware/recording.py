@@ -44,11 +44,13 @@ class Recording:
     """False where a compressed file ends early."""
 
     def matrix(self, names: Sequence[str]) -> Float[np.ndarray, "n m"]:
-        """The named columns side by side: (n, m); raises RecordingError for a name that the file lacks."""
+        """The named columns, none or more, side by side: (n, m); RecordingError for a name that the file
+        lacks.
+        """
         missing = [name for name in names if name not in self.columns]
         if missing:
             raise RecordingError(_missing_message(self.path, missing, self.columns))
-        return np.stack([self.columns[name] for name in names], axis=1)
+        return np.array([self.columns[name] for name in names]).reshape(len(names), len(self.time_s)).T
 
 
 def read_recording(path: str | Path, required: Sequence[str]) -> Recording:

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from softfuse.functional.centreline import bending
+from softfuse.functional.centreline import bending, tip_turn
 
 STRAIGHT = np.stack([np.linspace(0, 0.12, 5), np.zeros(5), np.full(5, 0.01)], axis=1)
 
@@ -36,3 +36,8 @@ def test_moving_the_chain_sideways_changes_nothing() -> None:
 def test_a_straight_chain_has_finite_slopes() -> None:
     slope = jax.jacfwd(lambda x: bending(x, jnp.asarray(STRAIGHT)).turn)(jnp.asarray(STRAIGHT))
     assert bool(jnp.all(jnp.isfinite(slope)))
+
+
+def test_the_tip_turns_by_all_links_of_a_plane_arc_together() -> None:
+    np.testing.assert_allclose(tip_turn(jnp.asarray(_arc(2.4)), jnp.asarray(STRAIGHT)), 2.4, rtol=1e-12)
+    np.testing.assert_allclose(tip_turn(jnp.asarray(_arc(1.2)), jnp.asarray(_arc(0.8))), 0.4, rtol=1e-10)

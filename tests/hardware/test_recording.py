@@ -24,6 +24,7 @@ def test_columns_come_back_as_recorded_with_truth(tmp_path):
     np.testing.assert_array_equal(recording.time_s, [0.0, 0.01, 0.02])
     np.testing.assert_array_equal(recording.matrix(["row0", "flow0_V"]).T[0], [20000, 20010, 20020])
     np.testing.assert_array_equal(recording.columns["press"], [0, 0, 1])
+    assert recording.matrix([]).shape == (3, 0)
     assert not recording.malformed.any() and not recording.disordered.any() and recording.complete
 
 

@@ -1,0 +1,127 @@
+"""The study of a finger: contacts at electrodes, cables, sealed pressures, points and bending, Table III."""
+
+from typing import Any
+
+import numpy as np
+
+from softfuse.cli.finger_sections import finger_sections
+from softfuse.cli.finger_series import FingerFrame, FingerSeries, finger_frame
+from softfuse.cli.finger_truth import finger_truth
+from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks, known, number
+from softfuse.config.build_watched import build_watched
+from softfuse.config.contact import PatchSettings
+from softfuse.experiment.accuracy import scaled
+from softfuse.experiment.contact_accuracy import NOWHERE, contact_force_table, largest_force
+from softfuse.experiment.shape_accuracy import PULLED_M, position_table
+
+_OF_CONTACT = ("electrode", "x_mm", "y_mm", "z_mm", "force_N")
+
+
+class FingerStudy(AbstractStudy):
+    """Contacts, forces and shape of a recording from single electrodes, pressures and cable lengths."""
+
+    def __init__(self, estimated: Estimated):
+        """A study of frames that are yet to be found.
+
+        Raises ConfigError for points outside the body, RecordingError for the truth about some of them only.
+        """
+        config, device = estimated.config, estimated.device
+        self._all = estimated
+        self._points = [point.name for point in config.points]
+        self._frames: list[FingerFrame] = []
+        truth = finger_truth(estimated.recording, self._points, len(config.cables))
+        self._series = FingerSeries(self._frames, len(config.cables), truth)
+        self._watched = build_watched(config, device, estimated.mesh)
+        self._touches, self._pulls = Peaks(), Peaks()
+
+    @property
+    def columns(self):
+        """Contacts, cables, pressures, points, bending of the centreline."""
+        config = self._all.config
+        links = range(len(config.centreline.points) - 1 if config.centreline else 0)
+        assert isinstance(config.contact, PatchSettings)  # single electrodes go with no other
+        contacts, cables = range(config.contact.max_contacts), range(len(config.cables))
+        return [
+            *(f"contact{c}_{what}" for c in contacts for what in _OF_CONTACT),
+            "force_N",
+            *(f"cable{k}_{unit}" for k in cables for unit in ("mm", "N")),
+            *(f"pressure{k}_{what}" for k in range(len(config.cavities)) for what in ("Pa", "misfit_Pa")),
+            *(f"{name}_{axis}_mm" for name in self._points for axis in "xyz"),
+            *(what for j in links for what in (f"bend{j}_deg", f"curvature{j}_1_m")),
+            *(["tip_bend_deg"] if links else []),
+        ]
+
+    def see(self, now, state):
+        """Remember what people read, and the shape when it may be the peak of a touch or of a pull."""
+        frame = finger_frame(now, state, self._watched.posture(state))
+        self._frames.append(frame)
+        shorter = float(np.max(frame.posture.answers[: self._series.cables], initial=0.0))
+        at = len(self._frames) - 1
+        self._touches.see(at, now.contacts > 0, now.force_N, state.z)
+        # A pull goes on while something touches, but its shape is that of the cable alone.
+        self._pulls.see(at, shorter > PULLED_M, 0.0 if now.contacts else shorter, state.z)
+
+    def row(self, frame):
+        """In mm, N, Pa, degrees and 1/m; a contact's place is where it is now."""
+        seen, cables = self._frames[frame], self._series.cables
+        now, posture = seen.now, seen.posture
+        fields: list[str] = []
+        for e, place, force in zip(seen.electrode, seen.place_m, now.contact_force_N, strict=True):
+            name = "" if e == NOWHERE else self._all.config.electrodes[e].name
+            fields += [name, *(number(1e3 * x, 3) for x in place), number(force, 4)]
+        fields.append(number(now.force_N, 4))
+        for shorter, tension in zip(posture.answers[:cables], now.attached[:cables], strict=True):
+            fields += [number(1e3 * shorter, 3), number(tension, 4)]
+        for pressure, misfit in zip(seen.pressure_Pa, now.misfit[cables:], strict=True):
+            fields += [number(pressure, 2), number(misfit, 2)]
+        fields += [number(1e3 * x, 3) for x in posture.point_m.ravel()]
+        for turn, curvature in zip(posture.turn, posture.curvature, strict=True):
+            fields += [number(float(np.rad2deg(turn)), 3), number(curvature, 4)]
+        return fields + ([number(float(np.rad2deg(posture.tip_turn)), 3)] if len(posture.turn) else [])
+
+    def residual(self, now):
+        """Of the pressures [Pa]."""
+        misfit = now.misfit[self._series.cables :]
+        misfit = misfit[np.isfinite(misfit)]
+        return float(np.sqrt(np.mean(misfit**2))) if misfit.size else float("nan")
+
+    @property
+    def peaks(self):
+        """The largest force of each touch, the largest shortening of each pull while nothing touches."""
+        return sorted([*self._touches.kept, *self._pulls.kept], key=lambda peak: peak.frame)
+
+    @property
+    def errors(self):
+        """The paper's Table III, and the forces of contacts against those at the same electrodes."""
+        shape, contacts = self._series.shape_samples, self._series.contact_samples
+        tables: list[ErrorTable] = []
+        if shape is not None:
+            groups = scaled(position_table(shape, self._points), 1e3)
+            title = "Table III: position error"
+            tables.append(ErrorTable("position_error_mm", title, "position error", "mm", groups))
+        if contacts is not None and contacts.true.any():
+            groups = scaled(contact_force_table(contacts), 100.0)
+            tables.append(ErrorTable("force_error_percent", "Force error", "force error", "%", groups))
+        return tables
+
+    def numbers(self) -> dict[str, Any]:
+        """How many samples and contacts there are, and forces where truly nothing presses."""
+        series, truth, numbers = self._series, self._series.truth, {}
+        shape, contacts = series.shape_samples, series.contact_samples
+        if shape is not None:
+            numbers["samples"] = len(shape.level)
+            numbers["samples_without_estimate"] = int(np.sum(~np.isfinite(shape.position_m).all(axis=(1, 2))))
+        if contacts is not None:
+            numbers["contacts_true"] = int(contacts.true.sum())
+            numbers["contacts_missed"] = contacts.missed
+            numbers["contacts_misplaced"] = contacts.misplaced
+        if truth.force_N.shape[1]:
+            numbers["phantom_force_N"] = {
+                "without_tip": known(largest_force(series.force_N, truth.without_tip)),
+                "without_force": known(largest_force(series.force_N, truth.without_force)),
+            }
+        return numbers
+
+    def sections(self):
+        """Contacts, points, shapes, pressures, cables, forces, bending."""
+        return finger_sections(self._all, self._series, self._touches.kept, self._pulls.kept, self.numbers())

@@ -1,0 +1,131 @@
+"""The study of a pad: one contact seen from above, volume changes of cavities, Tables I and II."""
+
+from typing import Any
+
+import numpy as np
+
+from softfuse.cli.recorded import sample_frames, samples_at
+from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks, number
+from softfuse.experiment import figures
+from softfuse.experiment.accuracy import Samples, force_table, location_table, scaled
+from softfuse.experiment.report import picture
+from softfuse.mesh.surface import outer_surface
+
+
+class PadStudy(AbstractStudy):
+    """Location, force and volumes of a recording from crossed electrodes and flow sensors."""
+
+    def __init__(self, estimated: Estimated):
+        """A study of frames that are yet to be found."""
+        self._all = estimated
+        self._touches = Peaks()
+
+    @property
+    def columns(self):
+        """Where and how hard, and the measured volume change of each cavity."""
+        volumes = [f"dV{k}_mm3" for k in range(len(self._all.config.cavities))]
+        return ["x_mm", "y_mm", "force_N", *volumes]
+
+    def see(self, now, state):
+        """Remember the shape when it may be the peak of a touch."""
+        self._touches.see(len(self._all.found) - 1, now.contacts > 0, now.force_N, state.z)
+
+    def row(self, frame):
+        """In mm, N and mm³."""
+        row = self._all.found[frame]
+        place = [number(1e3 * x, 3) for x in row.centre_m[:2]]
+        return [*place, number(row.force_N, 4), *(number(1e9 * v, 3) for v in row.reading)]
+
+    def residual(self, now):
+        """Of the volume changes [mm³]."""
+        return 1e9 * now.residual
+
+    @property
+    def peaks(self):
+        """The largest force of each touch."""
+        return self._touches.kept
+
+    @property
+    def _samples(self) -> Samples | None:
+        """Estimates and truth where the recording knows it; None where it never does."""
+        at = sample_frames(self._all.recording)
+        return samples_at(self._all.recording, self._all.found, at) if at.size else None
+
+    @property
+    def errors(self):
+        """The paper's Tables I and II."""
+        samples = self._samples
+        if samples is None:
+            return []
+        location = scaled(location_table(samples), 1e3)
+        force = scaled(force_table(samples), 100.0)
+        return [
+            ErrorTable("location_error_mm", "Table I: location error", "location error", "mm", location),
+            ErrorTable("force_error_percent", "Table II: force error", "force error", "%", force),
+        ]
+
+    def numbers(self) -> dict[str, Any]:
+        """How many samples there are, if any."""
+        samples = self._samples
+        if samples is None:
+            return {}
+        return {
+            "samples": len(samples.level),
+            "samples_without_estimate": int(np.sum(~np.isfinite(samples.force_N))),
+        }
+
+    def sections(self):
+        """Force against truth, force and volumes over time, locations, shape."""
+        samples, parts = self._samples, []
+        if samples is not None and np.any(np.isfinite(samples.force_N)):
+            caption = "Left: estimated over true force. Right: force error at the true locations."
+            parts.append(("Force against truth", picture(figures.force_agreement(samples), caption)))
+        parts.append(("Over time", self._over_time()))
+        parts.append(("Location", self._places(samples)))
+        if self.peaks:
+            parts.append(("Shape at the largest force", self._shape()))
+        return parts
+
+    def _over_time(self) -> str:
+        found = self._all.found
+        time = np.array([row.time_s for row in found])
+        force = np.array([row.force_N for row in found])
+        true = self._all.recording.columns.get("true_force_N")
+        measured = 1e9 * np.array([row.reading for row in found])
+        misfit = 1e9 * np.array([row.misfit for row in found])
+        names = [cavity.name for cavity in self._all.config.cavities]
+        return picture(figures.force_over_time(time, force, true), "Normal force.") + picture(
+            figures.volumes_over_time(
+                time, measured.reshape(-1, len(names)), misfit.reshape(-1, len(names)), names
+            ),
+            "Volume changes of the cavities.",
+        )
+
+    def _places(self, samples: Samples | None) -> str:
+        outlines = []
+        for surface in self._all.mesh.cavities:
+            corners = 1e3 * self._all.mesh.mesh.nodes[np.unique(surface.faces[:, :3]), :2]
+            (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
+            outlines.append(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
+        places = 1e3 * np.array([row.centre_m[:2] for row in self._all.found]).reshape(-1, 2)
+        return picture(
+            figures.location_map(places, samples, outlines), "Contacts from above, over the cavities."
+        )
+
+    def _shape(self) -> str:
+        assert self._all.config.sensors is not None  # a recording was estimated
+        peak = max(self.peaks, key=lambda peak: peak.size)
+        row = self._all.found[peak.frame]
+        mesh = self._all.mesh.mesh
+        displacement = np.asarray(self._all.device.body.displacement(peak.z))
+        flat = figures.flat_triangles(outer_surface(mesh).faces)
+        x, y = 1e3 * row.centre_m[:2]
+        array = self._all.config.sensors.capacitive
+        lines = (1e3 * np.array(array.column_x), 1e3 * np.array(array.row_y))
+        image = figures.electrode_image(row.details.image, *lines)
+        caption = (
+            f"{row.force_N:.2f} N at ({x:.1f}, {y:.1f}) mm, {row.time_s:.2f} s. Each touch: shape_NN.vtu."
+        )
+        return picture(figures.deformed_shape(mesh.nodes, displacement, flat), caption) + picture(
+            image, "Image of the electrodes in that frame."
+        )

@@ -1,0 +1,125 @@
+"""What `softfuse estimate` has to say about a recording of one kind of device: a study of it.
+
+A study sees every frame and then gives its columns of estimates.csv, its part of summary.json, its sections
+of report.html and the shapes worth keeping. What all devices share is in `recording_report`.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Any
+
+from jaxtyping import Array
+
+from softfuse.config import DeviceConfig
+from softfuse.config.build_mesh import DeviceMesh
+from softfuse.equilibrium.solution import State
+from softfuse.estimation.device import Device
+from softfuse.estimation.tracker import Tracked
+from softfuse.experiment.accuracy import Spread
+from softfuse.hardware.recording import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class Estimated:
+    """A device, a recording of it, and what has been found in its frames so far."""
+
+    config: DeviceConfig
+    device: Device
+    mesh: DeviceMesh
+    recording: Recording
+    found: list[Tracked] = field(default_factory=list)
+
+
+@dataclass(frozen=True, eq=False)
+class Peak:
+    """A frame in which something was largest, how large, and the body's unknowns z (n,) then."""
+
+    frame: int
+    size: float
+    z: Array
+
+
+class Peaks:
+    """Keeps the peak of each run of frames, such as a touch, while the frames go by."""
+
+    def __init__(self):
+        """Nothing has been seen."""
+        self.kept: list[Peak] = []
+        self._within_run = False
+
+    def see(self, frame: int, going: bool, size: float, z: Array) -> None:
+        """Look at the next frame, in which a run is `going` or not; without a positive size it only ends a
+        run or lets it go on.
+        """
+        if not going:
+            self._within_run = False
+        elif size > 0:
+            if not self._within_run:
+                self.kept.append(Peak(frame, size, z))
+            elif size > self.kept[-1].size:
+                self.kept[-1] = Peak(frame, size, z)
+            self._within_run = True
+
+
+@dataclass(frozen=True)
+class ErrorTable:
+    """Errors against truth by group, in a unit for people.
+
+    `key`: in summary.json; `title`: in the report; `name`: on the terminal.
+    """
+
+    key: str
+    title: str
+    name: str
+    unit: str
+    groups: dict[str, Spread]
+
+
+class AbstractStudy(ABC):
+    """Sees the frames of a recording one after the other; afterwards it can be asked."""
+
+    @property
+    @abstractmethod
+    def columns(self) -> list[str]:
+        """Names of its columns in estimates.csv, between `contacts` and `residual`."""
+
+    @abstractmethod
+    def see(self, now: Tracked, state: State) -> None:
+        """Look at the next frame and the state that it leaves the device in."""
+
+    @abstractmethod
+    def row(self, frame: int) -> list[str]:
+        """The fields of its columns for a frame that it has seen."""
+
+    @abstractmethod
+    def residual(self, now: Tracked) -> float:
+        """Root mean square misfit of a frame in the unit that people read; NaN without an estimate."""
+
+    @property
+    @abstractmethod
+    def peaks(self) -> list[Peak]:
+        """The shapes to be kept, in the order of their frames."""
+
+    @property
+    @abstractmethod
+    def errors(self) -> list[ErrorTable]:
+        """Errors against truth; none where the recording does not hold it."""
+
+    @abstractmethod
+    def numbers(self) -> dict[str, Any]:
+        """What it adds to summary.json besides the errors."""
+
+    @abstractmethod
+    def sections(self) -> list[tuple[str, str]]:
+        """Headings and HTML of its sections in the report."""
+
+
+def number(value: float, digits: int) -> str:
+    """A number as the field of a table; nothing where it is not known."""
+    return f"{value:.{digits}f}" if math.isfinite(value) else ""
+
+
+def known(value: float) -> float | None:
+    """A number for JSON, which has no NaN."""
+    return float(value) if math.isfinite(value) else None

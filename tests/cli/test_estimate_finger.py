@@ -1,0 +1,270 @@
+"""softfuse estimate on one push of the finger, with faults put into the recording, on a coarse finger."""
+
+import csv
+import gzip
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.cli import main
+from softfuse.cli.estimate import study_of
+from softfuse.cli.recording_report import summary, write_estimates, write_report
+from softfuse.cli.study import Estimated
+from softfuse.config import load
+from softfuse.config.build_device import build_device
+from softfuse.config.build_mesh import build_mesh
+from softfuse.estimation.tracker import Tracked
+from softfuse.hardware.recording import read_recording
+from softfuse.sensing.status import Status
+
+ROOT = Path(__file__).parents[2]
+RECORDING = ROOT / "tests" / "data" / "finger_one_push.csv.gz"
+POINTS = ("p0", "p1", "p2", "p3")
+MISSING, LOST = 34, 26
+"""Frames whose pressure is missing, whose cable length is absent."""
+COARSE = (
+    ('wall_size = "10 mm"', 'wall_size = "20 mm"'),
+    ('base_size = "12 mm"', 'base_size = "30 mm"'),
+    ("growth = 2.0", "growth = 9.0"),
+    ('element = "taylor-hood"', 'element = "linear"'),
+    ("poisson = 0.49", "poisson = 0.3"),
+    ('young = "0.6 MPa"', 'young = "0.3 MPa"'),
+)
+
+
+def code_of(*arguments: str | Path) -> int | str | None:
+    """The exit code of softfuse."""
+    with pytest.raises(SystemExit) as caught:
+        main([*map(str, arguments)])
+    return caught.value.code
+
+
+def recorded() -> list[list[str]]:
+    """The head and the rows of the recording."""
+    with gzip.open(RECORDING, "rt") as stream:
+        return [line.split(",") for line in stream.read().splitlines()]
+
+
+def written(path: Path, rows: list[list[str]]) -> Path:
+    """A recording of a head and rows."""
+    path.write_text("\n".join(",".join(row) for row in rows) + "\n")
+    return path
+
+
+def without(rows: list[list[str]], *names: str) -> list[list[str]]:
+    """The rows without some columns."""
+    keep = [k for k, name in enumerate(rows[0]) if name not in names]
+    return [[row[k] for k in keep] for row in rows]
+
+
+@pytest.fixture(scope="module")
+def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The finger's config on a coarse mesh of elements that compile and step in no time.
+
+    They are too stiff, less so with a softer material; how good estimates are is not asked here.
+    """
+    text = (ROOT / "configs" / "finger.toml").read_text(encoding="utf-8")
+    for old, new in COARSE:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    path = tmp_path_factory.mktemp("config") / "coarse.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    rows = recorded()
+    at = {name: k for k, name in enumerate(rows[0])}
+    rows[1 + MISSING][at["pressure1_V"]] = ""
+    rows[1 + LOST][at["cable0_mm"]] = ""
+    return written(tmp_path_factory.mktemp("recording") / "push.csv", rows)
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory, coarse: Path, faulty: Path) -> Path:
+    """The folder that `softfuse estimate` makes of them."""
+    out = tmp_path_factory.mktemp("out") / "finger"
+    assert code_of("estimate", coarse, faulty, "--out", out, "--quiet") == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def rows(results: Path) -> list[dict[str, str]]:
+    with (results / "estimates.csv").open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+@pytest.fixture(scope="module")
+def truth(faulty: Path) -> list[dict[str, str]]:
+    with faulty.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def values(rows: list[dict[str, str]], *names: str) -> np.ndarray:
+    """Some columns of all rows (n, names); what is empty is NaN."""
+    return np.array([[float(row[name] or "nan") for name in names] for row in rows])
+
+
+def test_every_frame_has_a_row_with_the_agreed_columns(
+    rows: list[dict[str, str]], truth: list[dict[str, str]]
+) -> None:
+    contacts = [
+        f"contact{c}_{what}" for c in range(2) for what in ("electrode", "x_mm", "y_mm", "z_mm", "force_N")
+    ]
+    pressures = [f"pressure{k}_{what}" for k in range(6) for what in ("Pa", "misfit_Pa")]
+    points = [f"{name}_{axis}_mm" for name in POINTS for axis in "xyz"]
+    bending = [what for j in range(4) for what in (f"bend{j}_deg", f"curvature{j}_1_m")]
+    assert list(rows[0]) == [
+        *("time_s", "contacts"),
+        *contacts,
+        *("force_N", "cable0_mm", "cable0_N"),
+        *pressures,
+        *points,
+        *bending,
+        *("tip_bend_deg", "residual", "latency_ms", "status"),
+    ]
+    assert len(rows) == len(truth) and all(row["status"] for row in rows)
+    always = ["force_N", "cable0_mm", "cable0_N", *points, *bending, "tip_bend_deg", "latency_ms"]
+    assert np.isfinite(values(rows, *always)).all()
+
+
+def test_the_push_is_found_on_its_electrode(rows: list[dict[str, str]], truth: list[dict[str, str]]) -> None:
+    at = [k for k, row in enumerate(truth) if row["sample"] not in ("", "0")]
+    held = [rows[k] for k in at]
+    assert [row["contacts"] for row in held] == ["1"] * 4
+    assert {row["contact0_electrode"] for row in held} == {"tip left"}
+    assert {row["contact1_electrode"] + row["contact1_x_mm"] for row in held} == {""}
+    force = values(held, "contact0_force_N")
+    assert (np.diff(force, axis=0) > 0).all() and force[0] > 0 and force[-1] < 1.0
+    np.testing.assert_array_equal(values(held, "force_N"), force)
+    assert rows[0]["contacts"] == "0" and rows[0]["contact0_electrode"] == ""
+    # Where it touches now keeps its distance from a point in the same segment, at rest 10.4 mm.
+    places = values(held, *(f"contact0_{axis}_mm" for axis in "xyz"))
+    apart = np.linalg.norm(places - values(held, *(f"p1_{axis}_mm" for axis in "xyz")), axis=1)
+    np.testing.assert_allclose(apart, np.hypot(10.0, 3.0), atol=0.5)
+    assert np.linalg.norm(places - [108.0, 10.0, 10.0], axis=1).min() > 20.0
+
+
+def test_the_shape_follows_cable_and_push(rows: list[dict[str, str]], truth: list[dict[str, str]]) -> None:
+    names = [f"{name}_{axis}_mm" for name in POINTS for axis in "xyz"]
+    found, true = values(rows, *names), values(truth, *(f"true_{name}" for name in names))
+    np.testing.assert_allclose(found[0], true[0], atol=0.5)
+    last = max(k for k, row in enumerate(truth) if row["sample"] not in ("", "0"))
+    moved, truly = (found - found[0])[last], (true - true[0])[last]
+    # All points go where they truly go, some less far.
+    assert moved @ truly > 0.9 * np.linalg.norm(moved) * np.linalg.norm(truly)
+    assert 0.3 < np.linalg.norm(moved) / np.linalg.norm(truly) < 1.2
+    assert 6.0 < values(rows, "cable0_mm").max() < 10.5 and values(rows, "cable0_N").max() > 1.0
+    turned = values(rows, "tip_bend_deg")[:, 0]
+    assert turned.max() > 20.0 and abs(turned[0]) < 1.0
+    bend, curvature = values(rows, "bend1_deg"), values(rows, "curvature1_1_m")
+    np.testing.assert_allclose(np.deg2rad(bend) / 0.03, curvature, atol=2e-3)
+
+
+def test_faults_are_flagged_and_the_rest_is_estimated(rows: list[dict[str, str]]) -> None:
+    assert "pressure missing" in rows[MISSING]["status"] and "malformed row" in rows[MISSING]["status"]
+    assert rows[MISSING]["pressure1_misfit_Pa"] == "" and rows[MISSING]["pressure0_misfit_Pa"] != ""
+    assert "cable length missing" in rows[LOST]["status"] and rows[LOST]["cable0_mm"] != ""
+
+
+def test_the_summary_tells_errors_and_counts(results: Path, truth: list[dict[str, str]]) -> None:
+    numbers = json.loads((results / "summary.json").read_text())
+    assert numbers["device"] == "Soft Finger" and numbers["frames"] == len(truth)
+    table = numbers["position_error_mm"]
+    levels = [f"level_{k}" for k in (1, 2, 3, 4)]
+    assert list(table) == ["all", "with_cable", "without_cable", *levels, *POINTS]
+    assert table["all"]["n"] == 4 * 4 and table["without_cable"] == {"mean": None, "std": None, "n": 0}
+    assert numbers["samples"] == 4 and numbers["samples_without_estimate"] == 0
+    assert set(numbers["force_error_percent"]) == {"all", "contact0", "contact1", *levels}
+    assert numbers["contacts_true"] == 4 and numbers["contacts_missed"] == 0
+    # A tip is there all the time; before it presses, the electrode may feel it.
+    assert numbers["phantom_force_N"]["without_tip"] is None
+    assert numbers["phantom_force_N"]["without_force"] >= 0.0
+    assert numbers["latency_ms"]["p50"] > 0
+
+
+def test_the_report_is_whole(results: Path) -> None:
+    text = (results / "report.html").read_text(encoding="utf-8")
+    assert text.startswith("<!doctype html>") and text.rstrip().endswith("</html>")
+    headings = ["Recording", "Table III: position error", "Force error", "Contacts", "Points", "Shape"]
+    headings += ["Pressures", "Cables", "Forces", "Bending", "Latency"]
+    places = [text.index(f"<h2>{heading}</h2>") for heading in headings]
+    assert places == sorted(places)
+    assert text.count("data:image/png;base64,") == 8
+    assert "http" not in text
+
+
+def test_shapes_of_the_pull_and_of_the_touch_are_kept(results: Path) -> None:
+    import meshio
+
+    shapes = [meshio.read(path) for path in sorted(results.glob("shape_*.vtu"))]
+    assert len(shapes) == 2
+    largest = [np.linalg.norm(shape.point_data["displacement"], axis=1).max() for shape in shapes]
+    assert min(largest) > 5e-3
+
+
+@pytest.mark.parametrize(
+    ("dropped", "told"),
+    [
+        (["pressure0_V", "pressure4_V"], "lacks the columns 'pressure0_V', 'pressure4_V'"),
+        (["cable0_mm"], "lacks the column 'cable0_mm'"),
+        (["true_p2_x_mm"], "lacks the column 'true_p2_x_mm'"),
+        (["true_contact1_electrode"], "lacks the column 'true_contact1_electrode'"),
+    ],
+)
+def test_what_a_recording_lacks_is_told_in_a_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], coarse: Path, dropped: list[str], told: str
+) -> None:
+    recording = written(tmp_path / "lacking.csv", without(recorded(), *dropped))
+    assert code_of("estimate", coarse, recording, "--out", tmp_path / "out", "--quiet") == 2
+    err = capsys.readouterr().err
+    assert told in err and "Traceback" not in err and err.count("\n") == 1
+
+
+def test_without_truth_there_is_no_evaluation(tmp_path: Path, coarse: Path) -> None:
+    names = [name for name in recorded()[0] if name.startswith("true_")]
+    path = written(tmp_path / "plain.csv", without(recorded()[:3], "press", "sample", *names))
+    config = load(coarse)
+    mesh = build_mesh(config)
+    device = build_device(config, mesh)
+    estimated = Estimated(config, device, mesh, read_recording(path, []))
+    study = study_of(estimated)
+    slots, nothing = SimpleNamespace(electrode=np.zeros(2, int)), np.zeros(2)
+    details = SimpleNamespace(
+        electrodes=SimpleNamespace(slots=slots),
+        pressure=SimpleNamespace(valid=np.zeros(6, bool)),
+        cable_m=np.zeros(1),
+    )
+    for k in range(2):
+        readings = (np.zeros(7), np.ones(7), np.full(7, np.nan))
+        estimated.found.append(
+            Tracked(
+                0.1 * k,
+                nothing > 0,
+                np.full((2, 3), np.nan),
+                nothing,
+                np.zeros(7),
+                *readings,
+                details,
+                (Status.no_contact,),
+                0.01,
+            )
+        )
+        study.see(estimated.found[-1], device.rest_state(jnp.zeros(2, int)))
+    numbers = summary(estimated, study)
+    assert not {"position_error_mm", "force_error_percent", "phantom_force_N", "samples"} & set(numbers)
+    write_report(tmp_path / "report.html", estimated, study, numbers)
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Table III" not in text and "<h2>Points</h2>" in text
+    # Nothing has touched and nothing was pulled: there is no shape to keep, and no number to be guessed.
+    assert "<h2>Shape</h2>" not in text and not study.peaks
+    write_estimates(tmp_path / "estimates.csv", estimated, study)
+    with (tmp_path / "estimates.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["p0_x_mm"] for row in rows] == ["117.000"] * 2 and rows[0]["pressure0_Pa"] == ""
+    assert rows[0]["residual"] == "" and rows[0]["contact0_electrode"] == ""

@@ -1,0 +1,52 @@
+"""What is drawn of a body in space."""
+
+import warnings
+
+import numpy as np
+
+from softfuse.experiment.finger_figures import contacts_over_time, points_over_depth
+from softfuse.experiment.report import picture
+from softfuse.experiment.shape_figures import Shape, shapes, sharp_edges
+from softfuse.mesh.pad import PadGeometry, pad_mesh
+from softfuse.mesh.surface import outer_surface
+
+MM = 1e-3
+MESH = pad_mesh(
+    PadGeometry((70 * MM, 40 * MM, 18 * MM), (26 * MM, 28 * MM, 6 * MM), ((-17 * MM, 0.0),), 6 * MM),
+    40 * MM,
+    40 * MM,
+)
+FACES = outer_surface(MESH).faces
+
+
+def test_the_sharp_edges_of_a_block_are_those_of_its_box() -> None:
+    edges = MESH.nodes[sharp_edges(MESH.nodes, FACES)]
+    ends = np.abs(edges - [0, 0, 9 * MM]) / [35 * MM, 20 * MM, 9 * MM]
+    # Both ends lie on the same two sides of the box, and there is nothing else.
+    assert ((np.isclose(ends, 1).all(axis=1)).sum(axis=1) == 2).all()
+    length = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1).sum()
+    np.testing.assert_allclose(length, 4 * (70 + 40 + 18) * MM)
+
+
+def test_shapes_are_drawn_with_and_without_forces_and_truth() -> None:
+    nothing, point = np.zeros((0, 3)), np.array([[0.0, 0.0, 18 * MM]])
+    still = Shape("at rest", MESH.nodes, nothing, None, nothing, nothing)
+    pushed = Shape("pushed", 1.1 * MESH.nodes, point, point * np.nan, point, np.array([[0.0, 0.0, -2.0]]))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for seen in ([still], [still, pushed]):
+            assert "data:image/png" in picture(shapes(MESH.nodes, FACES, seen), "shapes")
+
+
+def test_each_push_has_its_lines() -> None:
+    press, depth = np.array([0, 0, 1]), np.array([5.0, 10.0, 5.0])
+    moved = np.zeros((3, 2, 3))
+    figure = points_over_depth(press, depth, press > 0, moved, moved + 1, ["a", "b"], "depth [mm]")
+    assert len(figure.axes) == 6 and all(len(axes.lines) == 4 for axes in figure.axes)
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["push 0, without cable", "push 1, with cable"]
+
+
+def test_forces_without_truth_are_drawn() -> None:
+    figure = contacts_over_time(np.arange(3.0), np.ones((3, 2)), np.full((3, 2), np.nan), ["a", "b"])
+    assert "data:image/png" in picture(figure, "forces")
