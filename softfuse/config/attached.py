@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +20,7 @@ from softfuse.config.quantity import (
     Volume,
     wrong_value,
 )
-from softfuse.config.settings import Direction, NotEmpty, Settings, Vector
+from softfuse.config.settings import Direction, NotEmpty, Settings, Vector, listed
 from softfuse.equilibrium.cable import PulledCable
 from softfuse.equilibrium.gas import SealedGas
 from softfuse.functional.cavity import Cavity
@@ -71,17 +71,13 @@ class CableSettings(Settings):
         )
 
 
-def _listed(value: Any) -> Any:
-    return value if isinstance(value, list | tuple) else [value]
-
-
 class GasSettings(Settings):
     """Gas sealed in all cavities: one dead volume in m³, or one for each cavity; atmosphere in Pa, absolute.
 
     exponent κ [-] of p V^κ: 1 isothermal, 1.4 adiabatic air.
     """
 
-    dead_volume: Annotated[tuple[Annotated[Volume, Ge(0)], ...], NotEmpty, BeforeValidator(_listed)]
+    dead_volume: Annotated[tuple[Annotated[Volume, Ge(0)], ...], NotEmpty, BeforeValidator(listed)]
     atmosphere: PositivePressure = 101325.0
     exponent: Annotated[Number, Ge(1), Le(5 / 3)] = 1.0
 

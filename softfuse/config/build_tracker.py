@@ -51,6 +51,7 @@ def _finger_senses(config: DeviceConfig) -> FingerSenses:
     return FingerSenses(
         pressure,
         electrodes,
+        jnp.broadcast_to(jnp.array(config.sensors.pressure.gain), (len(config.cavities),)),
         jnp.array([electrode.centre for electrode in config.electrodes]),
         cable_sigma_m=noise * cables,
         slack_m=slack * cables,

@@ -7,7 +7,7 @@ sensing stage, and a test keeps them equal.
 from typing import Annotated, Literal, Self
 
 from annotated_types import Ge, Le, Lt
-from pydantic import model_validator
+from pydantic import BeforeValidator, model_validator
 
 from softfuse.config.quantity import (
     Duration,
@@ -24,7 +24,7 @@ from softfuse.config.quantity import (
     wrong_value,
 )
 from softfuse.config.sensors import BaselineSettings, Channels
-from softfuse.config.settings import Settings
+from softfuse.config.settings import NotEmpty, Settings, listed
 
 
 class TareSettings(Settings):
@@ -65,7 +65,9 @@ class PressureSettings(Settings):
 
     channels: one column per cavity, in the order of [[cavity]]; supply_channel: the column of the measured
     supply, None for a steady one. supply, noise, low, high in V: readings at or beyond low and high are
-    clipped. average: time constant in s over which pressures are averaged; hold_off in s.
+    clipped. gain [-]: what is measured over what the model says, one value or one for each cavity, and
+    gain_sigma its relative error. average: time constant in s over which pressures are averaged; hold_off in
+    s.
     """
 
     type: Literal["MPX5100A", "MPX5100D", "MPX5100G"]
@@ -75,6 +77,7 @@ class PressureSettings(Settings):
     noise: PositiveVoltage = 2e-3
     low: Voltage = 2e-3
     high: Voltage = 4.998
+    gain: Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)] = (1.0,)
     gain_sigma: Annotated[Number, Ge(0)] = 0.01
     average: PositiveTime = 0.2
     hold_off: Duration = 1.0
@@ -86,6 +89,11 @@ class PressureSettings(Settings):
     def _check(self) -> Self:
         if self.low >= self.high:
             raise wrong_value(f"must be below high = {self.high:g} V", key="low")
+        if len(self.gain) not in (1, len(self.channels)):
+            raise wrong_value(
+                f"{len(self.gain)} values for {len(self.channels)} channels: give one, or one for each",
+                key="gain",
+            )
         return self
 
 

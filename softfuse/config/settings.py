@@ -41,6 +41,11 @@ class FileSettings(Settings):
             raise ConfigError(f"{self.path}: {key}: {error}") from error
 
 
+def listed(value: Any) -> Any:
+    """A value that is no list as a list of one, before it is validated."""
+    return value if isinstance(value, list | tuple) else [value]
+
+
 def _given(values: tuple[object, ...]) -> tuple[object, ...]:
     # pydantic's own least length also counts items that are wrong, and complains twice.
     if not values:

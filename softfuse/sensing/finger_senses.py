@@ -52,7 +52,7 @@ class FingerSenses(AbstractSenses):
     """Pressure sensors, electrodes and cable lengths; groups of readings: pressures [V], their supply [V],
     electrodes [counts], cables [m].
 
-    `middle_m` (n, 3): of the electrodes on the body at rest; `cable_sigma_m` (b,): noise of the lengths;
+    `gain` (k,) [-]: measured over modelled pressures; `middle_m` (n, 3): of the electrodes on the body at rest; `cable_sigma_m` (b,): noise of the lengths;
     `slack_m` (b,): a cable that is shorter by less leaves the finger at rest; `contacts`: followed at once;
     `supplies`: 1 when the supply is measured, 0 when it is the nominal one; `lengths`: b when the cables'
     lengths are measured, else 0.
@@ -60,6 +60,7 @@ class FingerSenses(AbstractSenses):
 
     pressure: PressureSensor
     electrodes: ElectrodeDetector
+    gain: Float[Array, " k"]
     middle_m: Float[Array, "n 3"]
     cable_sigma_m: Float[Array, " b"]
     slack_m: Float[Array, " b"]
@@ -116,8 +117,8 @@ class FingerSenses(AbstractSenses):
         }
         length_known = jnp.isfinite(cable)
         return later, Sensed(
-            reading=jnp.concatenate([jnp.where(length_known, cable, 0.0), mean]),
-            sigma=jnp.concatenate([self.cable_sigma_m, sigma]),
+            reading=jnp.concatenate([jnp.where(length_known, cable, 0.0), mean / self.gain]),
+            sigma=jnp.concatenate([self.cable_sigma_m, sigma / self.gain]),
             # The pressure of a cavity that leaks is true, but no longer that of the gas it was sealed with.
             valid=jnp.concatenate([length_known, pressure.valid & known & ~pressure.leaking]),
             touching=pressing,

@@ -28,7 +28,7 @@ MISSING, LOST = 34, 26
 """Frames whose pressure is missing, whose cable length is absent."""
 COARSE = (
     ('wall_size = "10 mm"', 'wall_size = "20 mm"'),
-    ('base_size = "12 mm"', 'base_size = "30 mm"'),
+    ('base_size = "8 mm"', 'base_size = "30 mm"'),
     ("growth = 2.0", "growth = 9.0"),
     ('element = "taylor-hood"', 'element = "linear"'),
     ("poisson = 0.49", "poisson = 0.3"),

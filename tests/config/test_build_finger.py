@@ -21,6 +21,7 @@ from softfuse.equilibrium.load import Loads
 from softfuse.equilibrium.patch import PatchContact
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
+from softfuse.functional.cable import length
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.contact import Contact
 from softfuse.mesh.surface import outer_surface
@@ -33,7 +34,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 FRAME = eqx.filter_jit(Contact.frame)
 COARSE = (
     ('wall_size = "10 mm"', 'wall_size = "20 mm"'),
-    ('base_size = "12 mm"', 'base_size = "30 mm"'),
+    ('base_size = "8 mm"', 'base_size = "30 mm"'),
     ("growth = 2.0", "growth = 9.0"),
 )
 
@@ -75,8 +76,8 @@ def test_readings_are_the_cable_and_then_the_pressures(device: Device) -> None:
     assert device.gauges == tuple(range(7))
     assert device.readings == 7
     state = device.rest_state(jnp.array([0, 5]))
-    assert state.drive.shape == (2 + 1 + 6,)
-    np.testing.assert_allclose(state.drive, [0, 0, 0, *[101325.0] * 6])
+    assert state.drive.shape == (4 + 1 + 6,)
+    np.testing.assert_allclose(state.drive, [*[0] * 5, *[101325.0] * 6])
     np.testing.assert_allclose(device.reading(state), 0.0, atol=1e-12)
 
 
@@ -87,7 +88,8 @@ def test_guides_are_where_the_config_says(device: Device) -> None:
     places = ports.values(body, jnp.zeros(body.n)).reshape(-1, 3)
     x = np.array([2, 12, 22, 38, 52, 68, 82, 98, 108, 116])
     np.testing.assert_allclose(1e3 * places, np.stack([x, 0 * x, 0 * x + 3], axis=1), atol=1e-9)
-    assert float(cable.rest_length) == pytest.approx(0.121)
+    pulled_at = np.asarray(cable.pulled_at)
+    assert float(length(ports.location, pulled_at)) == pytest.approx(0.121)
     # Each guide is inside its element, or its shape values would extrapolate.
     shape = np.asarray(ports.points.shape(body.rest))
     np.testing.assert_allclose(shape.sum(axis=1), 1.0)
@@ -126,49 +128,49 @@ def _check_frames(contact: PatchContact, device: Device, config: DeviceConfig) -
 def test_patches_are_on_the_electrodes_and_press_inwards(config: DeviceConfig, device: Device) -> None:
     contact = device.contact
     assert isinstance(contact, PatchContact)
-    assert (contact.location.shape, contact.drives) == ((12, 1, 3), 1)
+    assert (contact.location.shape, contact.drives) == ((12, 2, 3), 2)
     assert float(contact.radius) == 4e-3
     _check_frames(contact, device, config)
 
 
-def test_a_contact_may_press_at_both_ends_of_an_electrode(
+def test_an_electrode_without_a_span_is_pressed_in_its_middle(
     edited: Edited, finger_text: str, mesh: DeviceMesh, device: Device
 ) -> None:
+    span = 'span = ["10 mm", "0 mm", "0 mm"]\n'
     old = finger_text[finger_text.index("[[electrode]]") : finger_text.index("[[point]]")]
-    spanned = old.replace("direction =", 'span = ["10 mm", "0 mm", "0 mm"]\ndirection =')
-    two = edited((old, spanned))
-    assert two.electrodes[0].middles == (pytest.approx((0.007, 0, 0)), pytest.approx((0.017, 0, 0)))
-    assert two.contact is not None
-    contact = two.contact.contact(outer_surface(mesh.mesh).faces, mesh.mesh.nodes, two.electrodes)
+    assert old.count(span) == 12
+    middle = edited((old, old.replace(span, "")))
+    assert middle.electrodes[0].middles == (pytest.approx((0.012, 0, 0)),)
+    assert middle.contact is not None
+    contact = middle.contact.contact(outer_surface(mesh.mesh).faces, mesh.mesh.nodes, middle.electrodes)
     assert isinstance(contact, PatchContact)
-    assert (contact.location.shape, contact.drives) == ((12, 2, 3), 2)
-    _check_frames(contact, device, two)
-    np.testing.assert_allclose(build_limits(two, 2).upper, [*[5.0] * 4, 20.0, *[101325.0] * 6])
-    assert build_rates(two, 2).drive.shape == (11,)
-    one = spanned.replace('span = ["10 mm", "0 mm", "0 mm"]\n', "", 1)
+    assert (contact.location.shape, contact.drives) == ((12, 1, 3), 1)
+    _check_frames(contact, device, middle)
+    np.testing.assert_allclose(build_limits(middle, 2).upper, [5.0, 5.0, 20.0, *[101325.0] * 6])
+    assert build_rates(middle, 2).drive.shape == (9,)
     with pytest.raises(ConfigError, match=r"electrode\[1\].span: give a span to all electrodes or to none"):
-        edited((old, one))
+        edited((old, old.replace(span, "", 1)))
 
 
 def test_limits_are_those_of_contacts_cables_and_gas(config: DeviceConfig, device: Device) -> None:
     limits = build_limits(config, 2)
-    np.testing.assert_allclose(limits.lower, [0, 0, 0, *[101325.0] * 6])
-    np.testing.assert_allclose(limits.upper, [5, 5, 20, *[101325.0] * 6])
+    np.testing.assert_allclose(limits.lower, [*[0] * 5, *[101325.0] * 6])
+    np.testing.assert_allclose(limits.upper, [5, 5, 5, 5, 20, *[101325.0] * 6])
     # 1e-6 per square of a newton, and of the thousandth of the atmosphere that the gas counts as one.
-    np.testing.assert_allclose(limits.regularisation, [1e-6] * 3 + [1e-6 / 101.325**2] * 6)
+    np.testing.assert_allclose(limits.regularisation, [1e-6] * 5 + [1e-6 / 101.325**2] * 6)
     gas = device.attached[1]
     assert isinstance(gas, SealedGas)
-    np.testing.assert_allclose(limits.regularisation[3:] * gas.units() ** 2, 1e-6)
-    assert limits.lower.shape == (2 + Loads(device.attached).sizes.drives,)
+    np.testing.assert_allclose(limits.regularisation[5:] * gas.units() ** 2, 1e-6)
+    assert limits.lower.shape == (4 + Loads(device.attached).sizes.drives,)
 
 
 def test_rates_are_those_of_the_cables(config: DeviceConfig, edited: Edited) -> None:
     free = build_rates(config, 2)
-    assert np.all(np.isinf(free.drive)) and np.all(np.isinf(free.stroke)) and free.drive.shape == (9,)
+    assert np.all(np.isinf(free.drive)) and np.all(np.isinf(free.stroke)) and free.drive.shape == (11,)
     rates = 'max_tension = "20 N"\ntension_rate = "5 N/s"\nlength_rate = "10 mm/s"'
     held = build_rates(edited(('max_tension = "20 N"', rates)), 1)
-    np.testing.assert_array_equal(held.drive, [np.inf, 5.0, *[np.inf] * 6])
-    np.testing.assert_array_equal(held.stroke, [np.inf, 0.01, *[np.inf] * 6])
+    np.testing.assert_array_equal(held.drive, [np.inf, np.inf, 5.0, *[np.inf] * 6])
+    np.testing.assert_array_equal(held.stroke, [np.inf, np.inf, 0.01, *[np.inf] * 6])
 
 
 def test_points_and_centreline_are_in_the_material(config: DeviceConfig, device: Device) -> None:
@@ -265,16 +267,25 @@ def test_defaults_are_those_of_the_sensing_stage() -> None:
 
 def test_the_fingers_own_values_are_those_of_its_data_sheets(config: DeviceConfig) -> None:
     pressure, electrodes = build_finger_sensors(config)
-    assert _same(pressure, mpx5100a(6))
+    assert _same(pressure, mpx5100a(6, gain_sigma=0.05))
     assert _same(electrodes, electrode_detector(12))
+
+
+def test_gains_are_one_for_all_cavities_or_one_for_each(edited: Edited) -> None:
+    each = "[0.9, 0.95, 1.0, 1.05, 1.1, 1.2]"
+    sensors = edited(("gain = 0.96", f"gain = {each}")).sensors
+    assert sensors is not None and sensors.pressure.gain == (0.9, 0.95, 1.0, 1.05, 1.1, 1.2)
+    with pytest.raises(ConfigError, match="sensors.pressure.gain: 2 values for 6 channels: give one, or one for"):
+        edited(("gain = 0.96", "gain = [1.0, 0.9]"))
 
 
 def test_settings_reach_the_sensors(edited: Edited) -> None:
     pressure, electrodes = build_finger_sensors(
         edited(
             ('atmosphere = "101.325 kPa"', 'atmosphere = "95 kPa"'),
-            ('supply = "5 V"', 'supply = "5.1 V"\ngain_sigma = 0.02\nhold_off = "2 s"\nlag_frames = 7'),
+            ('supply = "5 V"', 'supply = "5.1 V"\nhold_off = "2 s"\nlag_frames = 7'),
             ('low = "2 mV"', 'low = "3 mV"'),
+            ("gain_sigma = 0.05", "gain_sigma = 0.02"),
             (
                 "[sensors.electrodes]",
                 '[sensors.pressure.tare]\nsettle = "2 s"\ndrift = "6 Pa/min"\n\n[sensors.pressure.leak]\n'

@@ -22,7 +22,7 @@ from softfuse.sensing.status import Status
 ROOT = Path(__file__).parents[2]
 COARSE = (
     ('wall_size = "10 mm"', 'wall_size = "20 mm"'),
-    ('base_size = "12 mm"', 'base_size = "30 mm"'),
+    ('base_size = "8 mm"', 'base_size = "30 mm"'),
     ("growth = 2.0", "growth = 9.0"),
 )
 ELECTRODE, FORCE, TENSION = 7, 0.25, 1.5
