@@ -38,8 +38,8 @@ Path3 = Annotated[tuple[Vector, ...], NotEmpty, AfterValidator(_apart)]
 
 
 class CableSettings(Settings):
-    """A cable from pulled_at (3,) m through guides (g, 3) m in the body; it ends in a ball of anchor_radius in
-    m around the last one, which a point would sink into without limit as the mesh gets finer.
+    """A cable from pulled_at (3,) m through guides (g, 3) m in the body; its end holds a ball of
+    anchor_radius in m around the last one: a point would sink in without limit as the mesh gets finer.
 
     friction [-]: μ at the guides; max_tension in N; tension_rate in N/s and length_rate in m/s: how fast its
     tension and its length may change, None for any.

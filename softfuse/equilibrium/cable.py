@@ -44,9 +44,9 @@ class PulledCable(AbstractLoad):
         if anchor_radius > 0:
             anchor = ball(anchor[0], anchor_radius)
         points = MaterialPoints.embedded(body, np.concatenate([before, anchor]))
-        share = np.eye(len(before) + 1)
-        share = np.concatenate([share[:, :-1], share[:, -1:].repeat(len(anchor), axis=1) / len(anchor)], axis=1)
-        ports = PointPorts.shared(points, jnp.asarray(share), body)
+        belongs = np.append(np.arange(len(before)), np.full(len(anchor), len(before)))
+        share = np.eye(len(before) + 1)[:, belongs]
+        ports = PointPorts.shared(points, jnp.asarray(share / share.sum(axis=1, keepdims=True)), body)
         return cls(ports, jnp.asarray(pulled_at, float), jnp.asarray(friction, float))
 
     @property
@@ -77,8 +77,8 @@ class PulledCable(AbstractLoad):
 class ShortenedCable(AbstractLoad):
     """A cable of given shortening δ [m], with the tension as internal unknown.
 
-    `pulled_at`, `friction`: as of `PulledCable`; `compliance` c [m/N]: of the cable itself; `stiffness` [N/m]:
-    weighs lengths against tensions and does not move the solution.
+    `pulled_at`, `friction`: as of `PulledCable`; `compliance` c [m/N]: of the cable itself; `stiffness`
+    [N/m]: weighs lengths against tensions and does not move the solution.
     """
 
     ports: PointPorts

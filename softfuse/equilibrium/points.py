@@ -1,4 +1,4 @@
-"""Positions of material points as ports: their conjugate forces are point forces, or shared by several points.
+"""Positions of material points as ports: their conjugate forces act on points, or are shared by several.
 
 A point force sinks into an elastic body the deeper the finer the mesh, without limit: what carries a large
 one has to be given its size.
@@ -31,7 +31,7 @@ class PointPorts(AbstractPorts):
 
     @classmethod
     def shared(cls, points: MaterialPoints, share: Float[Array, "g m"], body: Body) -> "PointPorts":
-        """Means of points; single ones supported as stiffly as a piece of the body as long as they are apart."""
+        """Means of points; single ones are supported as stiffly as a piece of the body between them."""
         apart = jnp.linalg.norm(jnp.diff(share @ points.location, axis=0), axis=1)
         spacing = jnp.mean(apart) if apart.size else jnp.cbrt(jnp.sum(body.weights))
         support = jax.lax.stop_gradient(body.pressure_unit * spacing)
@@ -78,8 +78,9 @@ class PointPorts(AbstractPorts):
 
 
 def ball(centre: Float[np.ndarray, "3"], radius: float) -> Float[np.ndarray, "b 3"]:
-    """Points (b, 3) m whose mean stands for that over a ball of `radius` [m] around `centre` (3,) m: exact for
-    polynomials of third order.
+    """Points (b, 3) m whose mean stands for that over a ball of `radius` [m] around `centre` (3,) m.
+
+    Exact for polynomials of third order.
     """
     steps = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     inner = steps[(steps**2).sum(axis=1) < 3]

@@ -74,10 +74,11 @@ class FingerSettings:
     """The drawing, what it is made of, and how finely it is computed; lengths in m, volumes in m³.
 
     wall_size, base_size, growth: see `mesh.finger.finger_mesh`. guides (g, 3): first the one next to the
-    pulling point pulled_at (3,); the cable ends in a ball of anchor_radius around the last. dead_volume: tube and port of each cavity. segment_x: middles of the
-    segments' electrodes, squares of twice electrode_half, and of the tips that push there: cylinders of
-    tip_radius across the segment, twice electrode_half long, that roll over at most patch_half to each side.
-    points (p, 3): material points whose places are truth.
+    pulling point pulled_at (3,); the cable ends in a ball of anchor_radius around the last one. dead_volume:
+    tube and port of each cavity. segment_x: middles of the segments' electrodes, squares of twice
+    electrode_half, and of the tips that push there: cylinders of tip_radius across the segment, twice
+    electrode_half long, that roll over at most patch_half to each side. points (p, 3): material points whose
+    places are truth.
     """
 
     drawing: FingerGeometry = DRAWING

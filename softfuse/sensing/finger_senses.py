@@ -52,10 +52,10 @@ class FingerSenses(AbstractSenses):
     """Pressure sensors, electrodes and cable lengths; groups of readings: pressures [V], their supply [V],
     electrodes [counts], cables [m].
 
-    `gain` (k,) [-]: measured over modelled pressures; `middle_m` (n, 3): of the electrodes on the body at rest; `cable_sigma_m` (b,): noise of the lengths;
-    `slack_m` (b,): a cable that is shorter by less leaves the finger at rest; `contacts`: followed at once;
-    `supplies`: 1 when the supply is measured, 0 when it is the nominal one; `lengths`: b when the cables'
-    lengths are measured, else 0.
+    `gain` (k,) [-]: measured over modelled pressures; `middle_m` (n, 3): of the electrodes on the body at
+    rest; `cable_sigma_m` (b,): noise of the lengths; `slack_m` (b,): a cable that is shorter by less leaves
+    the finger at rest; `contacts`: followed at once; `supplies`: 1 when the supply is measured, 0 when it is
+    the nominal one; `lengths`: b when the cables' lengths are measured, else 0.
     """
 
     pressure: PressureSensor

@@ -275,7 +275,7 @@ def test_gains_are_one_for_all_cavities_or_one_for_each(edited: Edited) -> None:
     each = "[0.9, 0.95, 1.0, 1.05, 1.1, 1.2]"
     sensors = edited(("gain = 0.96", f"gain = {each}")).sensors
     assert sensors is not None and sensors.pressure.gain == (0.9, 0.95, 1.0, 1.05, 1.1, 1.2)
-    with pytest.raises(ConfigError, match="sensors.pressure.gain: 2 values for 6 channels: give one, or one for"):
+    with pytest.raises(ConfigError, match="sensors.pressure.gain: 2 values for 6 channels: give one, or"):
         edited(("gain = 0.96", "gain = [1.0, 0.9]"))
 
 

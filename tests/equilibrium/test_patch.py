@@ -47,7 +47,7 @@ def patch(beam, contact) -> NormalPatches:
 
 
 def _turned(body: Body, angle: float) -> tuple[jnp.ndarray, np.ndarray]:
-    """Unknowns (n,) of the body, its held end aside, turned by an angle around an oblique axis; the rotation."""
+    """Unknowns (n,) of the body, its held end aside, turned by an angle; and the rotation."""
     axis = np.array([1.0, 2.0, -0.5]) / np.linalg.norm([1.0, 2.0, -0.5])
     cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
@@ -60,10 +60,11 @@ def _turned(body: Body, angle: float) -> tuple[jnp.ndarray, np.ndarray]:
 def test_a_turned_body_is_pressed_in_the_turned_direction(beam, patch) -> None:
     z, turn = _turned(beam, 1.1)
     y = patch.ports.values(beam, z)
-    expected = 2.0 * turn @ np.array([0.0, -1.0, 0.0])
-    np.testing.assert_allclose(patch.equations(jnp.asarray(expected), jnp.zeros(0), y, jnp.array([2.0])), 0, atol=1e-12)
+    inwards, none, drive = np.array([0.0, -1.0, 0.0]), jnp.zeros(0), jnp.array([2.0])
+    turned = patch.equations(jnp.asarray(2.0 * turn @ inwards), none, y, drive)
+    np.testing.assert_allclose(turned, 0.0, atol=1e-12)
     np.testing.assert_allclose(y[:3], turn @ AT, atol=1e-12)
-    assert float(jnp.linalg.norm(patch.equations(jnp.array([0, -2.0, 0]), jnp.zeros(0), y, jnp.array([2.0])))) > 0.5
+    assert float(jnp.linalg.norm(patch.equations(jnp.asarray(2.0 * inwards), none, y, drive))) > 0.5
 
 
 def test_what_answers_a_force_is_the_way_along_the_normal(beam, patch) -> None:
@@ -80,7 +81,7 @@ def _pressed(body: Body, load: NormalPatches, force: float):
 
 
 def test_the_force_stands_on_the_bent_surface(beam, skin, patch) -> None:
-    """Against the normal of the surface as it is, from its triangles: the beam has bent by over 40 degrees."""
+    """Against the normal of its triangles as they are: the beam has bent by over 40 degrees."""
     found = _pressed(beam, patch, 0.6)
     assert found.result == RESULTS.converged
     force = np.asarray(found.state.force)
