@@ -143,7 +143,7 @@ def test_the_push_is_found_on_its_electrode(rows: list[dict[str, str]], truth: l
     assert (np.diff(force, axis=0) > 0).all() and force[0] > 0 and force[-1] < 1.0
     np.testing.assert_array_equal(values(held, "force_N"), force)
     assert rows[0]["contacts"] == "0" and rows[0]["contact0_electrode"] == ""
-    # Where it touches now is on the side of the segment that p1 is in, at most 5 mm from the electrode's middle.
+    # It touches the side of the segment that p1 is in, at most 5 mm from the electrode's middle.
     places = values(held, *(f"contact0_{axis}_mm" for axis in "xyz"))
     apart = np.linalg.norm(places - values(held, *(f"p1_{axis}_mm" for axis in "xyz")), axis=1)
     assert (apart > 9.5).all() and (apart < np.hypot(10.0, 3.0 + 5.0) + 0.5).all()
