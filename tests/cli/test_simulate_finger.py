@@ -1,6 +1,7 @@
 """softfuse simulate on a coarse finger."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,6 @@ from softfuse.equilibrium.cable import PulledCable, ShortenedCable
 from softfuse.mesh.files import read_mesh
 
 ROOT = Path(__file__).parents[2]
-COARSE = (
-    ('wall_size = "10 mm"', 'wall_size = "20 mm"'),
-    ('base_size = "8 mm"', 'base_size = "30 mm"'),
-    ("growth = 2.0", "growth = 9.0"),
-    ('element = "taylor-hood"', 'element = "linear"'),
-    ("poisson = 0.49", "poisson = 0.3"),
-)
 
 
 def code_of(*arguments: str | Path) -> int | str | None:
@@ -33,14 +27,9 @@ def code_of(*arguments: str | Path) -> int | str | None:
 
 
 @pytest.fixture(scope="module")
-def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def coarse(linear_finger: Callable[..., Path]) -> Path:
     """The finger's config on a coarse mesh of elements that compile in no time."""
-    text = (ROOT / "configs" / "finger.toml").read_text(encoding="utf-8")
-    for old, new in COARSE:
-        text = text.replace(old, new)
-    path = tmp_path_factory.mktemp("config") / "coarse.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
+    return linear_finger()
 
 
 def test_a_push_and_a_pull_give_numbers_and_a_shape(tmp_path: Path, coarse: Path) -> None:

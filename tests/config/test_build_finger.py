@@ -32,23 +32,12 @@ Edited = Callable[..., DeviceConfig]
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 FRAME = eqx.filter_jit(Contact.frame)
-COARSE = (
-    ('wall_size = "10 mm"', 'wall_size = "20 mm"'),
-    ('base_size = "8 mm"', 'base_size = "30 mm"'),
-    ("growth = 2.0", "growth = 9.0"),
-)
 
 
 @pytest.fixture(scope="module")
-def config(tmp_path_factory: pytest.TempPathFactory) -> DeviceConfig:
+def config(coarse_finger: Write) -> DeviceConfig:
     """The finger, coarse."""
-    text = (CONFIGS / "finger.toml").read_text(encoding="utf-8")
-    for old, new in COARSE:
-        assert text.count(old) == 1
-        text = text.replace(old, new)
-    path = tmp_path_factory.mktemp("finger") / "finger.toml"
-    path.write_text(text, encoding="utf-8")
-    return load(path)
+    return load(coarse_finger())
 
 
 @pytest.fixture(scope="module")
@@ -64,9 +53,9 @@ def device(config: DeviceConfig, mesh: DeviceMesh) -> Device:
 
 
 @pytest.fixture
-def edited(write_finger: Write) -> Edited:
+def edited(coarse_finger: Write) -> Edited:
     """The configuration with pieces of its text replaced, none of which moves its mesh."""
-    return lambda *changes: load(write_finger(*COARSE, *changes))
+    return lambda *changes: load(coarse_finger(*changes))
 
 
 def test_readings_are_the_cable_and_then_the_pressures(device: Device) -> None:

@@ -19,30 +19,14 @@ from softfuse.estimation.device import simulate
 from softfuse.estimation.tracker import Frame, Tracked, Tracker
 from softfuse.sensing.status import Status
 
-ROOT = Path(__file__).parents[2]
-COARSE = (
-    ('wall_size = "10 mm"', 'wall_size = "20 mm"'),
-    ('base_size = "8 mm"', 'base_size = "30 mm"'),
-    ("growth = 2.0", "growth = 9.0"),
-    # Linear elements compile and solve in no time; with a high Poisson's ratio they would lock.
-    ('element = "taylor-hood"', 'element = "linear"'),
-    ("poisson = 0.49", "poisson = 0.3"),
-    # The readings are this model's own.
-    ("\ngain = 0.96", "\ngain = 1.0"),
-)
 ELECTRODE, FORCE, TENSION = 7, 0.25, 1.5
 RATE_HZ, REST_S, PULL_S, WAIT_S, PRESS_S, HOLD_S = 10, 2.5, 1.0, 0.8, 1.0, 1.5
 
 
 @pytest.fixture(scope="module")
-def tracker(tmp_path_factory: pytest.TempPathFactory) -> Tracker:
-    text = (ROOT / "configs" / "finger.toml").read_text(encoding="utf-8")
-    for old, new in COARSE:
-        assert text.count(old) == 1
-        text = text.replace(old, new)
-    path = tmp_path_factory.mktemp("finger") / "finger.toml"
-    path.write_text(text, encoding="utf-8")
-    config = load(path)
+def tracker(linear_finger: Callable[..., Path]) -> Tracker:
+    # The readings are this model's own.
+    config = load(linear_finger(("\ngain = 0.96", "\ngain = 1.0")))
     return build_tracker(config, build_device(config))
 
 
