@@ -10,7 +10,7 @@ from softfuse.body.element import ELEMENTS
 from softfuse.config.build_attached import build_attached
 from softfuse.config.build_material import build_materials
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
-from softfuse.config.contact import PunchSettings, UniformSettings
+from softfuse.config.contact import PatchSettings, PunchSettings, UniformSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.equilibrium.load import Loads
 from softfuse.equilibrium.multifrontal import Multifrontal
@@ -100,11 +100,13 @@ def build_limits(config: DeviceConfig, contacts: int) -> Limits:
         # Like SealedGas, count a thousandth of the atmosphere as a newton.
         damping += [config.estimator.regularisation / (1e-3 * pascal) ** 2 for pascal in filling]
     motion = config.estimator.largest_motion
+    place = config.contact.place_sigma if isinstance(config.contact, PatchSettings) else None
     return Limits(
         jnp.array(lower, float),
         jnp.array(upper, float),
         jnp.array(damping, float),
         motion=None if motion is None else jnp.asarray(motion),
+        place=None if place is None else jnp.asarray(place),
     )
 
 
@@ -121,4 +123,5 @@ def build_rates(config: DeviceConfig, contacts: int) -> Rates:
 
 def build_step_settings(config: DeviceConfig) -> StepSettings:
     """How the estimate steps are run."""
-    return StepSettings(steps_per_frame=config.estimator.steps_per_frame)
+    given = config.estimator
+    return StepSettings(steps_per_frame=given.steps_per_frame, catch_up_steps=given.catch_up_steps)

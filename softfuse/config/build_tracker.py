@@ -52,6 +52,7 @@ def _finger_senses(config: DeviceConfig) -> FingerSenses:
         pressure,
         electrodes,
         jnp.broadcast_to(jnp.array(config.sensors.pressure.gain), (len(config.cavities),)),
+        jnp.asarray(config.sensors.pressure.model_error),
         jnp.array([electrode.centre for electrode in config.electrodes]),
         cable_sigma_m=noise * cables,
         slack_m=slack * cables,

@@ -104,11 +104,13 @@ _PATCH_RINGS, _PATCH_ANGLES = 3, 12
 class PatchSettings(ContactSettings):
     """Patches at the electrodes, pressed along their current normals; at most max_contacts at once.
 
-    max_force bounds the force on each patch.
+    max_force bounds the force on each patch; place_sigma in m: standard deviation of where on its electrode a
+    contact presses around the middle, None: anywhere.
     """
 
     model: Literal["patch"]
     max_contacts: PositiveInteger
+    place_sigma: PositiveLength | None = None
 
     def contact(self, faces, rest, electrodes):
         """The patches of each electrode, on whatever face it lies."""

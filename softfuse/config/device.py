@@ -15,7 +15,14 @@ from softfuse.config.attached import (
 )
 from softfuse.config.body import BodySettings
 from softfuse.config.contact import AnyContact, PatchSettings
-from softfuse.config.quantity import Number, PositiveInteger, PositiveLength, PositiveNumber, wrong_value
+from softfuse.config.quantity import (
+    Integer,
+    Number,
+    PositiveInteger,
+    PositiveLength,
+    PositiveNumber,
+    wrong_value,
+)
 from softfuse.config.sensor_set import SensorSettings
 from softfuse.config.settings import FileSettings, Settings, Vector
 
@@ -37,13 +44,15 @@ class EstimatorSettings(Settings):
     """Estimate step: linearisations per frame, ε [1/N²] of ε‖ΔF‖² in the cost, doubted misfit, longest step.
 
     poor_fit: a largest misfit above this part of the largest reading is flagged; largest_motion in m: a step
-    that would move a node further is shortened, None for any.
+    that would move a node further is shortened, None for any; catch_up_steps: further ones in the same frame
+    at most, while they have to be shortened.
     """
 
     steps_per_frame: PositiveInteger = 1
     regularisation: Annotated[Number, Ge(0)] = 1e-6
     poor_fit: PositiveNumber = 0.25
     largest_motion: PositiveLength | None = None
+    catch_up_steps: Annotated[Integer, Ge(0)] = 0
 
 
 class DeviceConfig(FileSettings):

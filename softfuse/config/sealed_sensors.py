@@ -65,9 +65,10 @@ class PressureSettings(Settings):
 
     channels: one column per cavity, in the order of [[cavity]]; supply_channel: the column of the measured
     supply, None for a steady one. supply, noise, low, high in V: readings at or beyond low and high are
-    clipped. gain [-]: what is measured over what the model says, one value or one for each cavity, and
-    gain_sigma its relative error. average: time constant in s over which pressures are averaged; hold_off in
-    s.
+    clipped. gain [-]: what is measured over what the model says, one value or one for each cavity;
+    gain_sigma: relative error of each sensor; model_error: part of the largest change of a pressure by which
+    every modelled one may be wrong. average: time constant in s over which pressures and cable lengths are
+    averaged; hold_off in s.
     """
 
     type: Literal["MPX5100A", "MPX5100D", "MPX5100G"]
@@ -79,6 +80,7 @@ class PressureSettings(Settings):
     high: Voltage = 4.998
     gain: Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)] = (1.0,)
     gain_sigma: Annotated[Number, Ge(0)] = 0.01
+    model_error: Annotated[Number, Ge(0)] = 0.05
     average: PositiveTime = 0.2
     hold_off: Duration = 1.0
     lag_frames: PositiveInteger = 10

@@ -122,6 +122,11 @@ class AbstractContact(eqx.Module):
     def load(self, body: Body, place: Array) -> AbstractLoad:
         """The load of one contact at a place; its drives are the forces [N]."""
 
+    def arms(self, place: Array) -> Float[Array, " c"]:
+        """How far from the middle of a place each force acts (c,) [m], along a line through it."""
+        del place
+        return jnp.zeros(self.drives)
+
 
 class Sizes(eqx.Module):
     """Numbers of ports, of forces on the first of them, of internal unknowns and of drives."""

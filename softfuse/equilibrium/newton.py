@@ -4,8 +4,13 @@ One iteration linearises the body, K δz = Σ f ∂y/∂z − r(z), lets the loa
 body (`interface`) and moves along δz by α ≤ 1, the largest of 1, 1/2, ... whose simplified Newton correction,
 of body and laws together, shrinks and which turns no element inside out. That test is invariant under scaling
 of forces and pressures, so it serves saddle points, whose energy has no minimum (Deuflhard, Newton Methods
-for Nonlinear Problems, 2011, Sec. 3.3). If an increment of the drives fails it is halved. The result is
-differentiated implicitly, in both modes and to any order, in body, loads and drives.
+for Nonlinear Problems, 2011, Sec. 3.3).
+
+An increment of the drives is halved when it fails, and when it leaves the path: where t₀ and t₁ are the
+motions that the increment asks for by the tangents at its ends, a smooth path has moved by (t₀ + t₁)/2 up to
+third order; one on which something begins to touch has after some halving; a body that has snapped is
+elsewhere. The result is differentiated implicitly, in both modes and to any order, in
+body, loads and drives.
 """
 
 import equinox as eqx
@@ -22,6 +27,12 @@ from softfuse.equilibrium.solution import RESULTS, Solution, State, Stats
 
 _SMALLEST_DAMPING = 1 / 64
 
+_LARGEST_DEPARTURE = 0.55
+"""Part of an increment's motion by which it may miss the mean of its tangents."""
+
+_SOFTENED = 3.0
+"""So many times softer than at the first increment, a path that ends is taken to end at a limit load."""
+
 
 class Newton(eqx.Module):
     """Settings of the solve: `step_tolerance` [m] ends an increment when no displacement changes by more."""
@@ -35,7 +46,9 @@ class Newton(eqx.Module):
 
 class _Iterate(eqx.Module):
     state: State
-    change: Float[Array, ""]
+    first: tuple[Float[Array, " n"], Float[Array, " n"]]  # Newton step, and its part due to the drives
+    along: Float[Array, " n"]  # what the drives' increment moves by the last tangent
+    left: Float[Array, ""]
     count: Int[Array, ""]
     damping: Float[Array, ""]
     inverted: Bool[Array, ""]
@@ -49,9 +62,12 @@ class _March(eqx.Module):
     accepted: Int[Array, ""]
     attempts: Int[Array, ""]
     inverted: Bool[Array, ""]
+    first_softness: Float[Array, ""]
+    softness: Float[Array, ""]
+    jumped: Bool[Array, ""]
 
 
-def _iterate(newton: Newton, body: Body, loads: Loads, at: _Iterate) -> _Iterate:
+def _iterate(newton: Newton, body: Body, loads: Loads, change: Array, at: _Iterate) -> _Iterate:
     solver, state = newton.linear, at.state
     factor = solver.factor(loaded_tangents(body, loads, state))
 
@@ -66,6 +82,8 @@ def _iterate(newton: Newton, body: Body, loads: Loads, at: _Iterate) -> _Iterate
     force = held.force(settled.force, y)
     system = coupled(loads, linear, slope)
     step = linear.step(settled.force)
+    towards = jnp.linalg.solve(system.whole, -slope.drive @ change)
+    along = linear.response @ towards[: settled.force.shape[0]]
     moves = slice(0, body.n_displacements)
     length = jnp.where(settled.found, jnp.max(jnp.abs(step[moves])), jnp.nan)
 
@@ -97,23 +115,36 @@ def _iterate(newton: Newton, body: Body, loads: Loads, at: _Iterate) -> _Iterate
         lambda carry: carry[2] & (carry[0] >= _SMALLEST_DAMPING), halve, (jnp.array(1.0), *rejected(1.0))
     )
     # A step that was damped is not the last one, however short.
-    change = jnp.where(damping == 1.0, length, jnp.maximum(length, 2 * newton.step_tolerance))
-    return _Iterate(moved(damping), change, at.count + 1, damping, flipped)
+    left = jnp.where(damping == 1.0, length, jnp.maximum(length, 2 * newton.step_tolerance))
+    first = jax.tree.map(lambda new, old: jnp.where(at.count == 0, new, old), (step, along), at.first)
+    return _Iterate(moved(damping), first, along, left, at.count + 1, damping, flipped)
 
 
-def _increment(newton: Newton, body: Body, loads: Loads, start: State) -> tuple[State, Array, Array, Array]:
-    """Newton's method at the drives of `start`: state, whether it converged, iterations, whether an element
-    flipped.
+def _increment(
+    newton: Newton, body: Body, loads: Loads, start: State, change: Array
+) -> tuple[_Iterate, Array, Array]:
+    """Newton's method at the drives of `start`, by which these have changed: its end, whether it converged,
+    and by which part of its motion it missed the mean of its tangents.
     """
 
     def unfinished(at: _Iterate):
-        alive = (at.damping >= _SMALLEST_DAMPING) & ~jnp.isnan(at.change)
-        return alive & (at.count < newton.max_iterations) & ~(at.change <= newton.step_tolerance)
+        alive = (at.damping >= _SMALLEST_DAMPING) & ~jnp.isnan(at.left)
+        return alive & (at.count < newton.max_iterations) & ~(at.left <= newton.step_tolerance)
 
-    first = _Iterate(start, jnp.array(jnp.inf), jnp.array(0), jnp.array(1.0), jnp.array(False))
-    last = jax.lax.while_loop(unfinished, lambda at: _iterate(newton, body, loads, at), first)
-    done = (last.change <= newton.step_tolerance) & ~last.inverted
-    return last.state, done, last.count, last.inverted
+    still = jnp.zeros(body.n)
+    first = _Iterate(
+        start, (still, still), still, jnp.array(jnp.inf), jnp.array(0), jnp.array(1.0), jnp.array(False)
+    )
+    last = jax.lax.while_loop(unfinished, lambda at: _iterate(newton, body, loads, change, at), first)
+    done = (last.left <= newton.step_tolerance) & ~last.inverted
+
+    def size(motion):
+        return jnp.linalg.norm(motion[: body.n_displacements])
+
+    (step, begin), went = last.first, last.state.z - start.z
+    # What the first step settled was not of the drives' doing.
+    missed = size(went - (step - begin) - (begin + last.along) / 2)
+    return last, done, missed / (size(went) + newton.step_tolerance)
 
 
 def _march(newton: Newton, body: Body, loads: Loads, drive: Array, start: State) -> Solution:
@@ -123,16 +154,22 @@ def _march(newton: Newton, body: Body, loads: Loads, drive: Array, start: State)
         reached = jnp.minimum(at.reached + at.increment, 1.0)
         part = jnp.where(reached < 1.0, initial + reached * (drive - initial), drive)
         aim = eqx.tree_at(lambda s: s.drive, at.state, part)
-        state, done, count, inverted = _increment(newton, body, loads, aim)
-        state = jax.tree.map(lambda new, old: jnp.where(done, new, old), state, at.state)
+        end, balanced, departure = _increment(newton, body, loads, aim, part - at.state.drive)
+        done = balanced & (departure <= _LARGEST_DEPARTURE)
+        softness = jnp.linalg.norm(end.along[: body.n_displacements]) / (reached - at.reached)
+        first = jnp.where(at.accepted == 0, softness, at.first_softness)
+        state = jax.tree.map(lambda new, old: jnp.where(done, new, old), end.state, at.state)
         return _March(
             state,
             jnp.where(done, reached, at.reached),
             at.increment * jnp.where(done, 2.0, 0.5),
-            at.iterations + count,
+            at.iterations + end.count,
             at.accepted + done,
             at.attempts + 1,
-            ~done & (at.inverted | inverted),
+            ~done & (at.inverted | end.inverted),
+            jnp.where(done, first, at.first_softness),
+            jnp.where(done, softness, at.softness),
+            ~done & (at.jumped | balanced),
         )
 
     def unfinished(at: _March):
@@ -142,10 +179,12 @@ def _march(newton: Newton, body: Body, loads: Loads, drive: Array, start: State)
             & (at.attempts < newton.max_load_steps)
         )
 
-    zero = jnp.array(0)
-    first = _March(start, jnp.array(0.0), jnp.array(1.0), zero, zero, zero, jnp.array(False))
+    zero, none, no = jnp.array(0), jnp.array(0.0), jnp.array(False)
+    first = _March(start, none, jnp.array(1.0), zero, zero, zero, no, none, none, no)
     last = jax.lax.while_loop(unfinished, attempt, first)
     failed = RESULTS.where(last.inverted, RESULTS.inverted, RESULTS.diverged)
+    limit = last.jumped | (last.softness > _SOFTENED * last.first_softness)
+    failed = RESULTS.where(limit, RESULTS.snapped, failed)
     failed = RESULTS.where(last.attempts >= newton.max_load_steps, RESULTS.step_limit, failed)
     result = RESULTS.where(last.reached >= 1.0, RESULTS.converged, failed)
     left = jnp.max(jnp.abs(unbalanced(body, loads, last.state)[: body.n_displacements]))

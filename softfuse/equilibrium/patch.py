@@ -110,6 +110,13 @@ class PatchContact(AbstractContact):
         """One force for each patch of an electrode."""
         return self.location.shape[1]
 
+    def arms(self, place):
+        """Of each patch from the middle of all, along the line from the first to the last."""
+        middles = self.location[place]
+        line = middles[-1] - middles[0]
+        length = jnp.linalg.norm(line)
+        return (middles - middles.mean(axis=0)) @ (line / jnp.where(length > 0, length, 1.0))
+
     def at(self, place: Int[Array, ""]) -> tuple[Contact, ...]:
         """The patches of electrode number `place`."""
         surface = ContactSurface(self.faces, self.direction[place], self.tangents[place])

@@ -12,7 +12,10 @@ class RESULTS(eqx.Enumeration):
     """How a solve ended; data inside jit, turned into words or an exception at the edge."""
 
     converged = "converged"
-    diverged = "diverged: no load step converged; the body may have buckled, or cannot carry the load"
+    diverged = "diverged: no load step converged; the body may have collapsed, or cannot carry the load"
+    snapped = (
+        "snap: with a little more load the body jumps to another shape; what is given is the last before"
+    )
     inverted = (
         "inverted element: the load turns an element inside out; refine the mesh there or lower the load"
     )

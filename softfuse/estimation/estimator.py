@@ -27,6 +27,7 @@ from softfuse.estimation.step import Observation, StepReport, estimate_step
 class StepSettings:
     """How the steps are run: `steps_per_frame` linearisations, each with `refinements` of its linear solves.
 
+    `catch_up_steps`: at most so many more in a frame, while `Limits.motion` shortens them;
     `refresh_contraction` [-]: a first refinement that is not smaller than this part of the solution makes the
     factor be renewed before the next step, `redo_contraction` [-] at once, and this step again;
     `least_volume_ratio` [-]: a state that squeezes an element below this is given up and the body starts from
@@ -34,6 +35,7 @@ class StepSettings:
     """
 
     steps_per_frame: int = 1
+    catch_up_steps: int = 0
     refinements: int = 2
     refresh_contraction: float = 0.25
     redo_contraction: float = 0.5
@@ -118,7 +120,9 @@ class Estimator:
         started = time.perf_counter()
         limits = self.limits if limits is None else limits
         renewed, state, report = False, self._state, None
-        for _ in range(self.settings.steps_per_frame):
+        for count in range(self.settings.steps_per_frame + self.settings.catch_up_steps):
+            if count >= self.settings.steps_per_frame and report is not None and not float(report.taken) < 1:
+                break
             fresh = self._renew
             if fresh:
                 self._tangent = self._factor(self._arrays, state, seen.places)

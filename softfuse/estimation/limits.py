@@ -1,5 +1,7 @@
 """What an estimate may be: bounds of drives and of what answers them, and of how fast both may change."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -11,7 +13,8 @@ class Limits(eqx.Module):
     `lower`, `upper` (D,): of the drives u, equal where a drive is known; `regularisation` ε (D,) [1/drive²];
     `strokes`: lower and upper (D,) of what answers the drives (`AbstractLoad.conjugate`), equal for a hard
     equality such as a cable that is known to be 10 mm shorter, infinite for none; None where there is none at
-    all; `motion` [m]: the whole step is shortened so that the drives move no node further; None for any.
+    all; `motion` [m]: the whole step is shortened so that the drives move no node further; None for any;
+    `place` [m]: standard deviation of where a contact presses around the middle of its place; None: anywhere.
     """
 
     lower: Float[Array, " D"]
@@ -19,6 +22,7 @@ class Limits(eqx.Module):
     regularisation: Float[Array, " D"]
     strokes: tuple[Float[Array, " D"], Float[Array, " D"]] | None = None
     motion: Float[Array, ""] | None = None
+    place: Float[Array, ""] | None = None
 
 
 class Rates(eqx.Module):
@@ -43,7 +47,7 @@ def within_rates(
     endless = jnp.full(stroke.shape, jnp.inf)
     low, high = (-endless, endless) if limits.strokes is None else limits.strokes
     narrowed = _reachable(low, high, stroke, rates.stroke, dt_s)
-    return Limits(lower, upper, limits.regularisation, narrowed, limits.motion)
+    return replace(limits, lower=lower, upper=upper, strokes=narrowed)
 
 
 def _reachable(low: Array, high: Array, now: Array, rate: Array, dt_s: Array) -> tuple[Array, Array]:

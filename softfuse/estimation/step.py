@@ -12,9 +12,11 @@ t and the innovation e = s_measured − s(z₀),
 
 and, where strokes c(z, x) are limited, c_min ≤ c + (dc/du) Δu ≤ c_max;
 
-then z = z₀ + t Δu. ε damps the step and leaves no bias once the steps have converged. The factor of K may
-belong to an older tangent: refinements with the tangent's own action make up for it, and their first
-contraction is returned so that the caller knows when a new factor pays.
+then z = z₀ + t Δu. Where a contact's place is its forces' (`Limits.place`), a term (Σ a_i F_i)² / (σ_p F)² of
+each joins the sum, a_i the forces' arms about the middle and F the contact's force before the step. ε damps
+the step and leaves no bias once the steps have converged. The factor of K may belong to an older tangent:
+refinements with the tangent's own action make up for it, and their first contraction is returned so that the
+caller knows when a new factor pays.
 """
 
 import equinox as eqx
@@ -33,6 +35,9 @@ from softfuse.estimation.bounded_qp import Rows, solve_bounded_qp
 from softfuse.estimation.device import Device
 from softfuse.estimation.limits import Limits
 
+_LEAST_FORCE_N = 0.05
+"""A contact's force below which its place is held as if it were that large."""
+
 
 class Observation(eqx.Module):
     """What the sensors say in one frame: readings since rest (k,) in SI, their weights 1/σ (k,) (0: ignore),
@@ -48,14 +53,16 @@ class StepReport(eqx.Module):
     """How good a step was.
 
     `misfit` (k,): measured minus modelled reading after it; `compliance` (k, D): W; `kkt`: optimality of the
-    QP, in units of the drives; `unbalanced` [N]: largest nodal force out of balance before it; `contraction`
-    [-]: by how much the first refinement shrank the error of the linear solves; `least_volume_ratio` [-]:
-    smallest det F after it.
+    QP, in units of the drives; `taken` [-]: the part of the QP's step that was taken, below 1 where it was
+    shortened to `Limits.motion`; `unbalanced` [N]: largest nodal force out of balance before it;
+    `contraction` [-]: by how much the first refinement shrank the error of the linear solves;
+    `least_volume_ratio` [-]: smallest det F after it.
     """
 
     misfit: Float[Array, " k"]
     compliance: Float[Array, "k D"]
     kkt: Float[Array, ""]
+    taken: Float[Array, ""]
     unbalanced: Float[Array, ""]
     contraction: Float[Array, ""]
     least_volume_ratio: Float[Array, ""]
@@ -69,6 +76,18 @@ def strokes(device: Device, loads: Loads, state: State) -> Float[Array, " D"]:
 def _moved(state: State, dz: Float[Array, " n"], dx: Float[Array, " r"]) -> State:
     q = state.force.shape[0]
     return State(state.z + dz, state.force + dx[:q], state.internal + dx[q:], state.drive)
+
+
+def _place_rows(
+    device: Device, sigma: Float[Array, ""], places: Array, drive: Float[Array, " D"]
+) -> Float[Array, "c D"]:
+    """Rows A (c, D): A u is how far from its middle each contact presses, in standard deviations."""
+    arms = jax.vmap(device.contact.arms)(places)
+    contacts, each = arms.shape
+    force = drive[: contacts * each].reshape(contacts, each).sum(axis=1)
+    rows = arms / (sigma * jnp.maximum(force, _LEAST_FORCE_N))[:, None]
+    spread = jnp.eye(contacts)[:, :, None] * rows[:, None, :]
+    return jnp.zeros((contacts, drive.shape[0])).at[:, : contacts * each].set(spread.reshape(contacts, -1))
 
 
 def advance(
@@ -112,20 +131,26 @@ def advance(
     whitened = w * seen.weight[:, None]
     hessian = whitened.T @ whitened + jnp.diag(limits.regularisation)
     b = whitened.T @ jnp.where(seen.weight > 0, innovation * seen.weight, 0.0)
+    if limits.place is not None:
+        around = _place_rows(device, limits.place, seen.places, state.drive)
+        hessian, b = hessian + around.T @ around, b - around.T @ (around @ state.drive)
     rows = None
     if limits.strokes is not None:
         stroke, turn = jax.linearize(lambda s: strokes(device, loads, s), settled_at)
         rows = Rows(jax.vmap(turn, 0, 1)(along), *(bound - stroke for bound in limits.strokes))
     low, high = limits.lower - state.drive, limits.upper - state.drive
     change, kkt = solve_bounded_qp(hessian, b, low, high, rows)
+    taken = jnp.ones(())
     if limits.motion is not None:
-        change = change / jnp.maximum(1.0, jnp.max(jnp.abs(dz[moves, 1:] @ change)) / limits.motion)
+        taken = 1.0 / jnp.maximum(1.0, jnp.max(jnp.abs(dz[moves, 1:] @ change)) / limits.motion)
+    change = taken * change
     after = _moved(settled_at, dz[:, 1:] @ change, dx[:, 1:] @ change)
     after = eqx.tree_at(lambda s: s.drive, after, state.drive + change)
     report = StepReport(
         innovation - w @ change,
         w,
         kkt,
+        taken,
         jnp.max(jnp.abs(linear.residual - pushed @ state.force)[moves]),
         contraction,
         jnp.min(volume_ratios(body, after.z)),

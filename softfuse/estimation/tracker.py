@@ -2,8 +2,9 @@
 
 The senses decide what touches and where; each frame's readings drive one estimate step, in which only those
 contacts may press that are touched. While nothing touches a device to which nothing is attached, its body is
-taken to rest. What cannot be trusted gets a status, and a number that would be a guess is NaN. Nothing here
-is threaded or reads files; `hardware` does that.
+taken to rest. What the model misses while nothing is near is taken off the readings of the touch that follows
+(`model_offset`). What cannot be trusted gets a status, and a number that would be a guess is NaN. Nothing
+here is threaded or reads files; `hardware` does that.
 """
 
 import time
@@ -20,6 +21,7 @@ from softfuse.equilibrium.solution import State
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimate, Estimator, StepSettings
 from softfuse.estimation.limits import Limits
+from softfuse.estimation.model_offset import ModelOffset
 from softfuse.estimation.step import Observation
 from softfuse.sensing.senses import AbstractSenses, Sensed
 from softfuse.sensing.status import Status
@@ -126,6 +128,8 @@ class Tracker:
         self.compile_s += self.estimator.compile_s
         self._limits, self._upper = limits, np.asarray(limits.upper)
         self._split = places.shape[0] * device.contact.drives
+        free = self._upper[self._split :] > np.asarray(limits.lower)[self._split :]
+        self._strokes = len(device.sensors) + np.flatnonzero(free[np.array(device.gauges, int)])
         self.reset()
 
     @property
@@ -135,7 +139,8 @@ class Tracker:
 
     def reset(self) -> None:
         """Forget the past: nothing has been read, nothing touches."""
-        self._memory = self._first
+        self._memory, self._stroke = self._first, 0.0
+        self._offset = ModelOffset.none(self.estimator.device.readings)
         self.estimator.reset()
 
     def update(self, frame: Frame) -> Tracked:
@@ -174,16 +179,21 @@ class Tracker:
         self, sensed: Sensed
     ) -> tuple[Float[np.ndarray, " D"], Float[np.ndarray, " k"], list[Status]]:
         weight = np.where(sensed.valid, 1 / sensed.sigma, 0.0)
+        clear = bool(sensed.clear)
+        reading = sensed.reading if clear else sensed.reading - self._offset.at(self._stroke)
         allowed = np.ones(len(self._upper), bool)
         allowed[: self._split] = self._of_contacts(np.asarray(sensed.pressing))
         upper = np.where(allowed, self._upper, 0.0)
-        seen = Observation(jnp.asarray(sensed.reading), jnp.asarray(weight), jnp.asarray(sensed.places))
+        seen = Observation(jnp.asarray(reading), jnp.asarray(weight), jnp.asarray(sensed.places))
         found = self.estimator.update(seen, replace(self._limits, upper=jnp.asarray(upper)))
         if found.lost:
             drive = np.where(
                 np.arange(len(allowed)) < self._split, np.where(allowed, np.nan, 0.0), found.drive
             )
             return drive, np.full(weight.shape, np.nan), [Status.inverted]
+        self._stroke = float(np.linalg.norm((reading - found.misfit)[self._strokes]))
+        if clear and not float(found.report.taken) < 1.0:
+            self._offset = self._offset.learned(found.misfit, np.asarray(sensed.valid), self._stroke)
         misfit = np.where(sensed.valid, found.misfit, np.nan)
         return found.drive, misfit, self._doubts(sensed, found, misfit)
 
@@ -197,6 +207,8 @@ class Tracker:
         at_limit = found.drive[: self._split] >= self._upper[: self._split] * (1 - 1e-9)
         if np.any(at_limit & self._of_contacts(np.asarray(sensed.pressing))):
             doubts.append(Status.force_limit)
+        if float(found.report.taken) < 1.0:
+            doubts.append(Status.lagging)
         if _poor(sensed, misfit, self.settings.poor_fit):
             doubts.append(Status.poor_fit)
         if not float(found.report.kkt) <= 1e-6:

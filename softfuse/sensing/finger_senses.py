@@ -1,8 +1,12 @@
 """The finger's sensors in the terms of the estimator: cable lengths, pressures of sealed cavities, and
 touched electrodes that say which contacts may press.
 
-Readings are the cables' shortenings, then the gauge pressures. Pressures are averaged over `average_s` by an
+Readings are the cables' shortenings, then the gauge pressures. Both are averaged over `average_s` by an
 exponential mean, which leaves σ √(dt / 2τ) of their noise and lags τ behind: shapes are slow, noise is not.
+To the noise of the pressures comes the error of the modelled ones: a part `model_error` of the largest change
+among all cavities, for what the model misses of one way of bending is seen in every cavity. While something
+is near, changes count from the last frame before: what the model misses of the shape before is known
+(`estimation.model_offset`).
 The finger rests while no electrode is touched and no cable is pulled.
 """
 
@@ -44,6 +48,8 @@ class FingerSenseState(eqx.Module):
     electrodes: ElectrodeState
     mean_Pa: Float[Array, " k"]
     mean_known: Bool[Array, " k"]
+    cable_m: Float[Array, " b"]
+    clear_Pa: Float[Array, " k"]
     places: Int[Array, " c"]
     pressing: Bool[Array, " c"]
 
@@ -52,15 +58,16 @@ class FingerSenses(AbstractSenses):
     """Pressure sensors, electrodes and cable lengths; groups of readings: pressures [V], their supply [V],
     electrodes [counts], cables [m].
 
-    `gain` (k,) [-]: measured over modelled pressures; `middle_m` (n, 3): of the electrodes on the body at
-    rest; `cable_sigma_m` (b,): noise of the lengths; `slack_m` (b,): a cable that is shorter by less leaves
-    the finger at rest; `contacts`: followed at once; `supplies`: 1 when the supply is measured, 0 when it is
-    the nominal one; `lengths`: b when the cables' lengths are measured, else 0.
+    `gain` (k,) [-]: measured over modelled pressures; `model_error` [-]: see above; `middle_m` (n, 3): of the
+    electrodes on the body at rest; `cable_sigma_m` (b,): noise of the lengths; `slack_m` (b,): a cable that
+    is shorter by less leaves the finger at rest; `contacts`: followed at once; `supplies`: 1 when the supply
+    is measured, 0 when it is the nominal one; `lengths`: b when the cables' lengths are measured, else 0.
     """
 
     pressure: PressureSensor
     electrodes: ElectrodeDetector
     gain: Float[Array, " k"]
+    model_error: Float[Array, ""]
     middle_m: Float[Array, "n 3"]
     cable_sigma_m: Float[Array, " b"]
     slack_m: Float[Array, " b"]
@@ -83,6 +90,8 @@ class FingerSenses(AbstractSenses):
             electrodes=electrode_init(self.electrodes, self.contacts),
             mean_Pa=jnp.zeros(k),
             mean_known=jnp.zeros(k, bool),
+            cable_m=jnp.full(self.cable_sigma_m.shape, jnp.nan),
+            clear_Pa=jnp.zeros(k),
             places=jnp.zeros(self.contacts, int),
             pressing=jnp.zeros(self.contacts, bool),
         )
@@ -100,13 +109,32 @@ class FingerSenses(AbstractSenses):
         touch_state, touch = electrode_update(self.electrodes, state.electrodes, dt, counts)
         # A length that is not read says nothing: a cable that slips off must not stop the tare for ever.
         pulled = jnp.any(jnp.where(jnp.isfinite(cable), jnp.abs(cable) > self.slack_m, False))
-        resting = ~jnp.any(touch.near) & ~pulled
+        clear = ~jnp.any(touch.near)
+        resting = clear & ~pulled
         pressure_state, pressure = pressure_update(
             self.pressure, state.pressure, dt, volts, measured, resting
         )
-        mean, known, sigma = self._averaged(state, dt, pressure)
+        mean, known, noise = self._averaged(state, dt, pressure)
+        # The pressure of a cavity that leaks is true, but no longer that of the gas it was sealed with.
+        valid = pressure.valid & known & ~pressure.leaking
+        change = mean - jnp.where(clear, 0.0, state.clear_Pa)
+        missed = self.model_error * jnp.max(jnp.where(valid, jnp.abs(change), 0.0))
+        sigma = jnp.hypot(noise, missed)
+        lag = jnp.exp(-dt / self.average_s)
+        lagging = cable + lag * (state.cable_m - cable)
+        length = jnp.where(jnp.isfinite(state.cable_m), lagging, cable)
         places, pressing = _places(state, touch)
-        later = FingerSenseState(now, pressure_state, touch_state, mean, known, places, pressing)
+        later = FingerSenseState(
+            now,
+            pressure_state,
+            touch_state,
+            mean,
+            known,
+            length,
+            jnp.where(clear, mean, state.clear_Pa),
+            places,
+            pressing,
+        )
         flags = {
             Status.bad_time: ~forward,
             Status.pressure_missing: jnp.any(pressure.missing),
@@ -115,14 +143,14 @@ class FingerSenses(AbstractSenses):
             Status.cable_missing: length_lost,
             Status.electrode_lost: jnp.any(touch.lost | touch.missing),
         }
-        length_known = jnp.isfinite(cable)
+        length_known = jnp.isfinite(length)
         return later, Sensed(
-            reading=jnp.concatenate([jnp.where(length_known, cable, 0.0), mean / self.gain]),
+            reading=jnp.concatenate([jnp.where(length_known, length, 0.0), mean / self.gain]),
             sigma=jnp.concatenate([self.cable_sigma_m, sigma / self.gain]),
-            # The pressure of a cavity that leaks is true, but no longer that of the gas it was sealed with.
-            valid=jnp.concatenate([length_known, pressure.valid & known & ~pressure.leaking]),
+            valid=jnp.concatenate([length_known, valid]),
             touching=pressing,
             pressing=pressing,
+            clear=clear,
             places=places,
             location_m=jnp.where(pressing[:, None], self.middle_m[places], jnp.nan),
             flags=flags,

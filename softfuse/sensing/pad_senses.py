@@ -71,6 +71,7 @@ class PadSenses(AbstractSenses):
             valid=seen.volume_valid,
             touching=touching[None],
             pressing=(located & inside & known)[None],
+            clear=~touching,
             places=place[None],
             location_m=jnp.where(located, place, jnp.nan)[None],
             flags=flags,

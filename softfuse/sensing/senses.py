@@ -22,6 +22,8 @@ class Sensed(eqx.Module):
     """(c,) something touches here."""
     pressing: Bool[Array, " c"]
     """(c,) touches at a place that is known and allowed: its force can be estimated."""
+    clear: Bool[Array, ""]
+    """Nothing is near that could press: what the model misses now is its own error."""
     places: Array
     """(c, ...) places as the device's contact wants them."""
     location_m: Float[Array, "c 3"]

@@ -20,6 +20,7 @@ class Status(StrEnum):
     location_unknown = "location unknown"
     outside = "outside workspace"
     force_limit = "force limit"
+    lagging = "estimate lags"
     poor_fit = "poor fit"
     not_optimal = "optimum not reached"
     inverted = "inverted element"

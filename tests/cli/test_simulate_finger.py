@@ -86,3 +86,11 @@ def test_a_mistake_is_one_line(
 def test_a_pad_has_no_electrodes_to_be_pressed(capsys: pytest.CaptureFixture[str]) -> None:
     assert code_of(ROOT / "configs" / "pad.toml", "--electrode", "tip", "--force", "1") == 2
     assert "this device is pressed by a disc" in capsys.readouterr().err
+
+
+def test_the_cable_bends_the_finger_beyond_a_right_angle(tmp_path: Path, coarse: Path) -> None:
+    numbers = tmp_path / "n.json"
+    assert code_of(coarse, "--cable", "25 mm", "--quiet", "--json", numbers) == 0
+    found = json.loads(numbers.read_text())
+    assert found["result"] == "converged" and found["tip_bend_deg"] > 90.0
+    assert found["residual_N"] < 1e-6

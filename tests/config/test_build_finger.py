@@ -256,7 +256,7 @@ def test_defaults_are_those_of_the_sensing_stage() -> None:
 
 def test_the_fingers_own_values_are_those_of_its_data_sheets(config: DeviceConfig) -> None:
     pressure, electrodes = build_finger_sensors(config)
-    assert _same(pressure, mpx5100a(6, gain_sigma=0.05))
+    assert _same(pressure, mpx5100a(6))
     assert _same(electrodes, electrode_detector(12))
 
 
@@ -274,7 +274,7 @@ def test_settings_reach_the_sensors(edited: Edited) -> None:
             ('atmosphere = "101.325 kPa"', 'atmosphere = "95 kPa"'),
             ('supply = "5 V"', 'supply = "5.1 V"\nhold_off = "2 s"\nlag_frames = 7'),
             ('low = "2 mV"', 'low = "3 mV"'),
-            ("gain_sigma = 0.05", "gain_sigma = 0.02"),
+            ("model_error = 0.05", "gain_sigma = 0.02"),
             (
                 "[sensors.electrodes]",
                 '[sensors.pressure.tare]\nsettle = "2 s"\ndrift = "6 Pa/min"\n\n[sensors.pressure.leak]\n'

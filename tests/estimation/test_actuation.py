@@ -139,6 +139,19 @@ def test_rates_let_a_cable_only_follow_slowly(robot: Robot, reached) -> None:
     assert float(report.kkt) < 1e-8
 
 
+def test_in_no_time_nothing_with_a_rate_changes(robot: Robot) -> None:
+    """Neither does what cannot be reached in it; what has no rate may."""
+    drive, stroke = jnp.array([0.4, 0.3]), jnp.array([1e-3, 2e-3])
+    rates = Rates(jnp.array([10.0, jnp.inf]), jnp.array([jnp.inf, 0.025]))
+    bounds = (jnp.array([5e-3, -jnp.inf]), jnp.array([6e-3, jnp.inf]))
+    limits = within_rates(replace(robot.free, strokes=bounds), rates, drive, stroke, jnp.zeros(()))
+    np.testing.assert_allclose(limits.lower, [0.4, 0.0])
+    np.testing.assert_allclose(limits.upper, [0.4, 20.0])
+    assert limits.strokes is not None
+    np.testing.assert_allclose(limits.strokes[0], [5e-3, 2e-3])
+    np.testing.assert_allclose(limits.strokes[1], [6e-3, 2e-3])
+
+
 def test_pushes_on_two_sides_are_told_apart(robot: Robot) -> None:
     """Two contacts along the current normals and no cable: the tip's coordinates tell both."""
     device, places = robot.device, jnp.array([0, 1])

@@ -1,5 +1,7 @@
 """The live estimator: right forces from volumes, never compiled again, and honest when it is lost."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -73,3 +75,20 @@ def test_more_steps_a_frame_follow_closer(device, one, press: list[Observation])
     patient = Estimator(device, one, AT, StepSettings(steps_per_frame=3))
     force = np.array([patient.update(seen).drive[0] for seen in press])
     np.testing.assert_allclose(force, np.minimum(np.linspace(0, 12, 40), 9.0), atol=1e-3)
+
+
+def test_shortened_steps_are_told_and_caught_up(device, one, press: list[Observation]) -> None:
+    """The whole press within one frame: a step of a tenth of the motion is told, thirty of them arrive."""
+    full = Estimator(device, one, AT, StepSettings(steps_per_frame=10))
+    full.update(press[-1])
+    moved = float(jnp.max(jnp.abs(full.state.z[: device.body.n_displacements])))
+    bound = replace(one, motion=jnp.asarray(moved / 10))
+    single = Estimator(device, bound, AT)
+    found = single.update(press[-1])
+    assert float(found.report.taken) < 0.2
+    assert float(jnp.max(jnp.abs(single.state.z[: device.body.n_displacements]))) < 0.2 * moved
+    caught = Estimator(device, bound, AT, StepSettings(steps_per_frame=2, catch_up_steps=30)).update(
+        press[-1]
+    )
+    assert float(caught.report.taken) == 1.0
+    np.testing.assert_allclose(caught.drive[0], 9.0, rtol=0.02)
