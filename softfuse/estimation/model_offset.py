@@ -35,7 +35,8 @@ class ModelOffset:
         return self.reading * min(ratio, _LARGEST_RATIO)
 
     def learned(
-        self, misfit: Float[np.ndarray, " k"], known: Bool[np.ndarray, " k"], stroke: float
+        self, misfit: Float[np.ndarray, " k"], known: Bool[np.ndarray, " k"], stroke: float, share: float
     ) -> "ModelOffset":
-        """Learned anew from measured minus modelled readings (k,); those that are not known keep theirs."""
-        return ModelOffset(np.where(known, misfit, self.at(stroke)), stroke)
+        """With a share [-] of measured minus modelled readings (k,) in it; those not known keep theirs."""
+        before = self.at(stroke)
+        return ModelOffset(np.where(known, before + share * (misfit - before), before), stroke)

@@ -90,9 +90,12 @@ class Tracked:
 
 @dataclass(frozen=True)
 class TrackerSettings:
-    """When an estimate is doubted: `poor_fit` [-], a misfit above this part of the largest reading."""
+    """When an estimate is doubted: `poor_fit` [-], a misfit above this part of the largest reading; and
+    `offset_s` [s], over which time what the model misses is averaged.
+    """
 
     poor_fit: float = 0.25
+    offset_s: float = 1.0
 
 
 class Tracker:
@@ -139,7 +142,7 @@ class Tracker:
 
     def reset(self) -> None:
         """Forget the past: nothing has been read, nothing touches."""
-        self._memory, self._stroke = self._first, 0.0
+        self._memory, self._stroke, self._seen_s = self._first, 0.0, -np.inf
         self._offset = ModelOffset.none(self.estimator.device.readings)
         self.estimator.reset()
 
@@ -156,7 +159,7 @@ class Tracker:
         if not sensed.touching.any():
             said.insert(0, Status.no_contact)
         if sensed.pressing.any() or attached:
-            drive, misfit, doubts = self._estimate(sensed)
+            drive, misfit, doubts = self._estimate(sensed, frame.time_s)
             said += doubts
         elif not sensed.touching.any():
             self.estimator.reset()
@@ -176,7 +179,7 @@ class Tracker:
         )
 
     def _estimate(
-        self, sensed: Sensed
+        self, sensed: Sensed, time_s: float
     ) -> tuple[Float[np.ndarray, " D"], Float[np.ndarray, " k"], list[Status]]:
         weight = np.where(sensed.valid, 1 / sensed.sigma, 0.0)
         clear = bool(sensed.clear)
@@ -192,8 +195,13 @@ class Tracker:
             )
             return drive, np.full(weight.shape, np.nan), [Status.inverted]
         self._stroke = float(np.linalg.norm((reading - found.misfit)[self._strokes]))
-        if clear and not float(found.report.taken) < 1.0:
-            self._offset = self._offset.learned(found.misfit, np.asarray(sensed.valid), self._stroke)
+        elapsed = time_s - self._seen_s
+        if elapsed > 0:  # not where the time is missing or does not increase
+            self._seen_s = time_s
+            if clear and not float(found.report.taken) < 1.0:
+                share = float(-np.expm1(-elapsed / self.settings.offset_s))
+                known = np.asarray(sensed.valid)
+                self._offset = self._offset.learned(found.misfit, known, self._stroke, share)
         misfit = np.where(sensed.valid, found.misfit, np.nan)
         return found.drive, misfit, self._doubts(sensed, found, misfit)
 

@@ -167,3 +167,35 @@ def test_pushes_on_two_sides_are_told_apart(robot: Robot) -> None:
     seen, state = found(device)
     assert float(jnp.linalg.norm(seen[:3])) > 5e-3
     np.testing.assert_allclose(state.drive, true, rtol=1e-5, atol=1e-9)
+
+
+def test_a_contact_is_in_the_middle_of_its_place_unless_the_readings_say_otherwise(robot: Robot) -> None:
+    """Two patches 10 mm apart whose forces stand for one between them; it presses 2.5 mm beside it."""
+    sides = np.array([[[0.038, SIDE, 0.006], [0.048, SIDE, 0.006]]])
+    faces, cells = np.asarray(robot.device.contact.faces), robot.device.contact.cells
+    contact = PatchContact.on(faces, sides, np.array([[0.0, -1.0, 0.0]]), cells, 0.003)
+    device, place = replace(robot.device, contact=contact), jnp.array([0])
+    np.testing.assert_allclose(contact.arms(place[0]), [-5e-3, 5e-3], atol=1e-12)
+    true = jnp.array([0.3, 0.1, 0.0, 0.0])
+    limits = Limits(
+        jnp.zeros(4),
+        jnp.array([5.0, 5.0, 0.0, 0.0]),
+        jnp.full(4, 1e-9),
+        motion=jnp.array(3e-3),
+        place=jnp.array(2e-3),
+    )
+    target = eqx.filter_jit(lambda d: d.reading(simulate(d, place, true).state))(device)
+
+    @eqx.filter_jit
+    def found(weight):
+        seen = Observation(target, weight, place)
+        state, report = exact_steps(device, limits, device.rest_state(place), seen, steps=STEPS)
+        return state.drive, report.misfit
+
+    # The tip's way to the side alone does not say where: then it is the middle, and what the force must be.
+    drive, misfit = found(jnp.array([0.0, 1e7, 0.0, 0.0, 0.0]))
+    np.testing.assert_allclose(drive[0], drive[1], rtol=1e-3)
+    assert abs(float(misfit[1])) < 1e-8 and 0.3 < float(drive[:2].sum()) < 0.4
+    # What shortens with it tells the arm.
+    drive, _ = found(jnp.full(5, 1e9))
+    np.testing.assert_allclose(drive, true, rtol=0.02, atol=1e-6)
