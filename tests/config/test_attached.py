@@ -138,7 +138,8 @@ def test_the_cable_is_optional_and_so_is_its_sensor(write_finger: Write, finger_
         (
             "max_contacts = 2",
             "max_contacts = 2\ndirection = [0, 0, -1]",
-            "contact.direction: unknown key, the known ones are radius, max_force, model, max_contacts",
+            "contact.direction: unknown key, the known ones are radius, max_force, model, max_contacts, "
+            "place_sigma",
         ),
         ("max_contacts = 2 ", "", "contact.max_contacts: missing"),
         ("max_contacts = 2", "max_contacts = 0", "contact.max_contacts: 0 must be greater than 0"),

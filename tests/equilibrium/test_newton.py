@@ -189,7 +189,7 @@ def test_no_load_no_motion(pressed) -> None:
 
 
 @pytest.mark.parametrize(
-    "force, result", [(30.0, "step_limit"), (100.0, "inverted"), (1e4, "inverted"), (1e7, "inverted")]
+    "force, result", [(30.0, "step_limit"), (100.0, "step_limit"), (1e4, "inverted"), (1e7, "inverted")]
 )
 def test_far_too_large_a_load_is_a_result_and_leaves_the_last_equilibrium(pressed, force, result) -> None:
     """Too many increments, and steps that invert elements however short they are."""
