@@ -10,7 +10,7 @@ import typer
 from softfuse.cli.finger_study import FingerStudy
 from softfuse.cli.pad_study import PadStudy
 from softfuse.cli.recorded import sensor_columns, sensor_frames
-from softfuse.cli.recording_report import summary, write_estimates, write_report, write_shapes
+from softfuse.cli.recording_report import EstimateRows, summary, write_report, write_shapes
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated
 from softfuse.cli.terminal import Quiet, busy, stdout, tracked
 from softfuse.config import load
@@ -38,13 +38,14 @@ def estimate(
         study = study_of(estimated)
     with busy("compiling", quiet=quiet):
         tracker = build_tracker(settings, device)
-    for frame in tracked(
-        sensor_frames(settings, frames), "estimating", total=len(frames.time_s), quiet=quiet
-    ):
-        now = tracker.update(frame)
-        estimated.found.append(now)
-        study.see(now, tracker.state)
-    write_estimates(out / "estimates.csv", estimated, study)
+    readings = sensor_frames(settings, frames)
+    with (out / "estimates.csv").open("w", newline="") as stream:
+        rows = EstimateRows(stream, estimated, study)
+        for k, frame in enumerate(tracked(readings, "estimating", total=len(readings), quiet=quiet)):
+            now = tracker.update(frame)
+            estimated.found.append(now)
+            study.see(now, tracker.state)
+            rows.write(k)
     write_shapes(out, estimated, study)
     numbers = summary(estimated, study) | {"compile_s": tracker.compile_s}
     (out / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")

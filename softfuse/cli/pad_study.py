@@ -3,9 +3,11 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from softfuse.cli.recorded import sample_frames, samples_at
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks, number
+from softfuse.config.contact import DiscSettings
 from softfuse.experiment import figures
 from softfuse.experiment.accuracy import Samples, force_table, location_table, scaled
 from softfuse.experiment.report import picture
@@ -79,12 +81,20 @@ class PadStudy(AbstractStudy):
         samples, parts = self._samples, []
         if samples is not None and np.any(np.isfinite(samples.force_N)):
             caption = "Left: estimated over true force. Right: force error at the true locations."
-            parts.append(("Force against truth", picture(figures.force_agreement(samples), caption)))
+            agreement = figures.force_agreement(samples, self._workspace_mm)
+            parts.append(("Force against truth", picture(agreement, caption)))
         parts.append(("Over time", self._over_time()))
         parts.append(("Location", self._places(samples)))
         if self.peaks:
             parts.append(("Shape at the largest force", self._shape()))
         return parts
+
+    @property
+    def _workspace_mm(self) -> Float[np.ndarray, "2 2"]:
+        """Low and high ends of x and y between which contacts may be (2, 2) [mm]."""
+        contact = self._all.config.contact
+        assert isinstance(contact, DiscSettings)  # crossed electrodes go with no other
+        return 1e3 * np.stack([np.array(contact.workspace.x), np.array(contact.workspace.y)], axis=1)
 
     def _over_time(self) -> str:
         found = self._all.found

@@ -4,7 +4,7 @@ import csv
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -16,24 +16,33 @@ from softfuse.mesh.files import write_mesh
 from softfuse.sensing.status import Status
 
 
-def write_estimates(path: Path, estimated: Estimated, study: AbstractStudy) -> None:
-    """One row a frame; unknown numbers are empty fields."""
-    with path.open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(["time_s", "contacts", *study.columns, "residual", "latency_ms", "status"])
-        malformed_rows = estimated.recording.malformed
-        for frame, (now, malformed) in enumerate(zip(estimated.found, malformed_rows, strict=True)):
-            statuses = [str(status) for status in now.statuses if not (malformed and status is Status.ok)]
-            writer.writerow(
-                [
-                    number(now.time_s, 4),
-                    now.contacts,
-                    *study.row(frame),
-                    number(study.residual(now), 3),
-                    number(1e3 * now.latency_s, 2),
-                    "; ".join([*(["malformed row"] if malformed else []), *statuses]),
-                ]
-            )
+class EstimateRows:
+    """estimates.csv, one row a frame, each written when the frame has been seen; unknown numbers are empty
+    fields.
+    """
+
+    def __init__(self, stream: TextIO, estimated: Estimated, study: AbstractStudy):
+        """Write the header."""
+        self._stream, self._estimated, self._study = stream, estimated, study
+        self._writer = csv.writer(stream)
+        self._writer.writerow(["time_s", "contacts", *study.columns, "residual", "latency_ms", "status"])
+
+    def write(self, frame: int) -> None:
+        """Write a frame that has been found and that the study has seen."""
+        now, malformed = self._estimated.found[frame], bool(self._estimated.recording.malformed[frame])
+        statuses = [str(status) for status in now.statuses if not (malformed and status is Status.ok)]
+        self._writer.writerow(
+            [
+                number(now.time_s, 4),
+                now.contacts,
+                *self._study.row(frame),
+                number(self._study.residual(now), 3),
+                number(1e3 * now.latency_s, 2),
+                "; ".join([*(["malformed row"] if malformed else []), *statuses]),
+            ]
+        )
+        # Whoever stops a long run keeps what was found.
+        self._stream.flush()
 
 
 def write_shapes(folder: Path, estimated: Estimated, study: AbstractStudy) -> None:

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from softfuse.experiment.accuracy import WORKSPACE_CIRCLE_M, Samples
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 ESTIMATE, TRUTH = "tab:blue", "0.35"
@@ -38,6 +39,25 @@ def force_over_time(
     return figure
 
 
+def colour(k: int) -> str:
+    """The colour of the k-th of some things."""
+    return f"C{k % 10}"
+
+
+def measured_and_modelled(
+    axes: "Axes",
+    time_s: Float[np.ndarray, " n"],
+    measured: Float[np.ndarray, "n k"],
+    misfit: Float[np.ndarray, "n k"],
+    names: Sequence[str],
+) -> None:
+    """Draw k measured readings over time as wide pale lines, those of the model as thin ones."""
+    for k, name in enumerate(names):
+        axes.plot(time_s, measured[:, k], lw=2.5, alpha=0.4, color=colour(k), label=name)
+        axes.plot(time_s, measured[:, k] - misfit[:, k], lw=1, color=colour(k))
+    axes.set(title="wide: measured, thin: model")
+
+
 def volumes_over_time(
     time_s: Float[np.ndarray, " n"],
     measured_mm3: Float[np.ndarray, "n k"],
@@ -47,10 +67,8 @@ def volumes_over_time(
     """Measured volume changes over time and what the model with the estimated force makes of them."""
     figure = blank(9, 3.2)
     axes = figure.subplots()
-    for k, name in enumerate(names):
-        (line,) = axes.plot(time_s, measured_mm3[:, k], lw=2.5, alpha=0.4, label=f"cavity {name}")
-        axes.plot(time_s, measured_mm3[:, k] - misfit_mm3[:, k], color=line.get_color(), lw=1)
-    axes.set(xlabel="time [s]", ylabel="volume change [mm³]", title="wide: measured, thin: model")
+    measured_and_modelled(axes, time_s, measured_mm3, misfit_mm3, [f"cavity {name}" for name in names])
+    axes.set(xlabel="time [s]", ylabel="volume change [mm³]")
     axes.legend(loc="lower right", ncols=2, fontsize="small")
     axes.grid(alpha=0.3)
     return figure
@@ -81,8 +99,11 @@ def location_map(
     return figure
 
 
-def force_agreement(samples: Samples) -> "Figure":
-    """Estimated over true force, and the relative error at each true location (paper, Fig. 10)."""
+def force_agreement(samples: Samples, workspace_mm: Float[np.ndarray, "2 2"]) -> "Figure":
+    """Estimated over true force, and the relative error at each true location (paper, Fig. 10).
+
+    `workspace_mm` (2, 2): low and high ends of x and y between which contacts may be.
+    """
     figure = blank(9, 4)
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
     top = 1.1 * np.nanmax([samples.true_force_N, samples.force_N])
@@ -106,7 +127,10 @@ def force_agreement(samples: Samples) -> "Figure":
         linewidths=0.3,
     )
     figure.colorbar(dots, ax=right, label="force error [%]")
+    margin = 3.0
+    (x0, y0), (x1, y1) = workspace_mm + np.array([[-margin], [margin]])
     right.set(xlabel="x [mm] (levels side by side)", ylabel="y [mm]", aspect="equal")
+    right.set(xlim=(x0, x1), ylim=(y0, y1))
     return figure
 
 

@@ -8,16 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from softfuse.experiment.figures import TRUTH, blank
+from softfuse.experiment.figures import TRUTH, blank, colour, measured_and_modelled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-
-def colour(k: int) -> str:
-    """The colour of the k-th of some things."""
-    return f"C{k % 10}"
 
 
 def pressures_over_time(
@@ -29,11 +24,10 @@ def pressures_over_time(
     """Measured gauge pressures and those of the model; below, how much they differ."""
     figure = blank(9, 4.6)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    for k, name in enumerate(names):
-        above.plot(time_s, measured_kPa[:, k], lw=2.5, alpha=0.4, color=colour(k), label=name)
-        above.plot(time_s, measured_kPa[:, k] - misfit_kPa[:, k], lw=1, color=colour(k))
+    measured_and_modelled(above, time_s, measured_kPa, misfit_kPa, names)
+    for k in range(len(names)):
         below.plot(time_s, misfit_kPa[:, k], lw=1, color=colour(k))
-    above.set(ylabel="gauge pressure [kPa]", title="wide: measured, thin: model")
+    above.set(ylabel="gauge pressure [kPa]")
     below.set(xlabel="time [s]", ylabel="misfit [kPa]")
     _legend(above)
     _grid(above, below)

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,13 +14,6 @@ from softfuse.cli import app as application
 from softfuse.cli import main
 from softfuse.cli.terminal import tracked
 from softfuse.errors import ConfigError
-
-
-def code_of(arguments: list[str]) -> int | str | None:
-    """The exit code of a command."""
-    with pytest.raises(SystemExit) as caught:
-        main(arguments)
-    return caught.value.code
 
 
 @pytest.fixture
@@ -43,16 +37,18 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 
 @pytest.mark.usefixtures("failing")
-def test_a_mistake_is_a_line_each_and_two(capsys: pytest.CaptureFixture[str]) -> None:
-    assert code_of(["fail", "mistake"]) == 2
+def test_a_mistake_is_a_line_each_and_two(
+    code_of: Callable[..., int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert code_of("fail", "mistake") == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err == "error: a.toml: body[0]: wrong [red]\nerror: a.toml: " + 30 * "long " + "end\n"
 
 
 @pytest.mark.usefixtures("failing")
-def test_an_interrupt_is_130() -> None:
-    assert code_of(["fail", "interrupt"]) == 130
+def test_an_interrupt_is_130(code_of: Callable[..., int]) -> None:
+    assert code_of("fail", "interrupt") == 130
 
 
 @pytest.mark.usefixtures("failing")
@@ -62,15 +58,17 @@ def test_a_fault_of_ours_is_not_hidden() -> None:
 
 
 @pytest.mark.parametrize("arguments", [["nonsense"], ["mesh"], ["mesh", "pad.toml", "--nonsense"]])
-def test_wrong_usage_is_two(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert code_of(arguments) == 2
+def test_wrong_usage_is_two(
+    code_of: Callable[..., int], arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert code_of(*arguments) == 2
     assert "Traceback" not in capsys.readouterr().err
 
 
-def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert code_of(["--help"]) == 0
+def test_help_and_version(code_of: Callable[..., int], capsys: pytest.CaptureFixture[str]) -> None:
+    assert code_of("--help") == 0
     assert "mesh" in capsys.readouterr().out
-    assert code_of(["--version"]) == 0
+    assert code_of("--version") == 0
     assert re.fullmatch(r"softfuse \d+\.\d+\.\d+\n", capsys.readouterr().out)
 
 

@@ -3,12 +3,12 @@
 import csv
 import gzip
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from softfuse.cli import main
 from softfuse.config import load
 
 ROOT = Path(__file__).parents[2]
@@ -16,13 +16,6 @@ RECORDING = ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz"
 FRAMES = 330
 MISSING, CUT, LOST, SATURATED = 20, 60, 140, 300
 """Frames whose flow is missing, whose line is cut, whose electrode is dead, whose flow is clipped."""
-
-
-def code_of(*arguments: str | Path) -> int | str | None:
-    """The exit code of softfuse."""
-    with pytest.raises(SystemExit) as caught:
-        main([*map(str, arguments)])
-    return caught.value.code
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +50,9 @@ def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory, coarse: Path, faulty: Path) -> Path:
+def results(
+    code_of: Callable[..., int], tmp_path_factory: pytest.TempPathFactory, coarse: Path, faulty: Path
+) -> Path:
     """The folder that `softfuse estimate` makes of them."""
     out = tmp_path_factory.mktemp("out") / "new" / "folder"
     assert code_of("estimate", coarse, faulty, "--out", out, "--quiet") == 0
@@ -124,7 +119,7 @@ def test_the_report_is_whole(results: Path) -> None:
 
 
 def test_calibration_writes_a_config_with_another_stiffness(
-    tmp_path: Path, coarse: Path, faulty: Path, results: Path
+    code_of: Callable[..., int], tmp_path: Path, coarse: Path, faulty: Path, results: Path
 ) -> None:
     out = tmp_path / "fitted.toml"
     assert code_of("calibrate", coarse, faulty, "--presses", "0-4", "--out", out, "--quiet") == 0
@@ -151,6 +146,7 @@ def test_calibration_writes_a_config_with_another_stiffness(
     ],
 )
 def test_a_mistake_is_told_without_a_traceback(
+    code_of: Callable[..., int],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     coarse: Path,

@@ -11,9 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.cli import main
 from softfuse.cli.estimate import study_of
-from softfuse.cli.recording_report import summary, write_estimates, write_report
+from softfuse.cli.recording_report import EstimateRows, summary, write_report
 from softfuse.cli.study import Estimated
 from softfuse.config import load
 from softfuse.config.build_device import build_device
@@ -27,13 +26,6 @@ RECORDING = ROOT / "tests" / "data" / "finger_one_push.csv.gz"
 POINTS = ("p0", "p1", "p2", "p3")
 MISSING, LOST = 34, 26
 """Frames whose pressure is missing, whose cable length is absent."""
-
-
-def code_of(*arguments: str | Path) -> int | str | None:
-    """The exit code of softfuse."""
-    with pytest.raises(SystemExit) as caught:
-        main([*map(str, arguments)])
-    return caught.value.code
 
 
 def recorded() -> list[list[str]]:
@@ -70,7 +62,9 @@ def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory, coarse: Path, faulty: Path) -> Path:
+def results(
+    code_of: Callable[..., int], tmp_path_factory: pytest.TempPathFactory, coarse: Path, faulty: Path
+) -> Path:
     """The folder that `softfuse estimate` makes of them."""
     out = tmp_path_factory.mktemp("out") / "finger"
     assert code_of("estimate", coarse, faulty, "--out", out, "--quiet") == 0
@@ -202,7 +196,12 @@ def test_shapes_of_the_pull_and_of_the_touch_are_kept(results: Path) -> None:
     ],
 )
 def test_what_a_recording_lacks_is_told_in_a_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], coarse: Path, dropped: list[str], told: str
+    code_of: Callable[..., int],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    coarse: Path,
+    dropped: list[str],
+    told: str,
 ) -> None:
     recording = written(tmp_path / "lacking.csv", without(recorded(), *dropped))
     assert code_of("estimate", coarse, recording, "--out", tmp_path / "out", "--quiet") == 2
@@ -247,8 +246,11 @@ def test_without_truth_there_is_no_evaluation(tmp_path: Path, coarse: Path) -> N
     assert "Table III" not in text and "<h2>Points</h2>" in text
     # Nothing has touched and nothing was pulled: there is no shape to keep, and no number to be guessed.
     assert "<h2>Shape</h2>" not in text and not study.peaks
-    write_estimates(tmp_path / "estimates.csv", estimated, study)
-    with (tmp_path / "estimates.csv").open(newline="") as stream:
+    with (tmp_path / "estimates.csv").open("w+", newline="") as stream:
+        writer = EstimateRows(stream, estimated, study)
+        for frame in range(2):
+            writer.write(frame)
+        stream.seek(0)
         rows = list(csv.DictReader(stream))
     assert [row["p0_x_mm"] for row in rows] == ["117.000"] * 2 and rows[0]["pressure0_Pa"] == ""
     assert rows[0]["residual"] == "" and rows[0]["contact0_electrode"] == ""

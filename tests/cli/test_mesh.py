@@ -1,11 +1,11 @@
 """softfuse mesh."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from softfuse.cli import main
 from softfuse.config import load
 from softfuse.config.build_mesh import build_mesh
 from softfuse.mesh.files import read_mesh
@@ -14,24 +14,21 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 PAD, FINGER = CONFIGS / "pad.toml", CONFIGS / "finger.toml"
 
 
-def code_of(*arguments: str | Path) -> int | str | None:
-    """The exit code of `softfuse mesh`."""
-    with pytest.raises(SystemExit) as caught:
-        main(["mesh", *map(str, arguments)])
-    return caught.value.code
-
-
 @pytest.mark.parametrize(("config", "name"), [(PAD, "pad.vtu"), (PAD, "pad.msh"), (FINGER, "finger.vtu")])
-def test_the_file_holds_the_mesh_of_the_config(tmp_path: Path, config: Path, name: str) -> None:
-    assert code_of(config, "--out", tmp_path / name) == 0
+def test_the_file_holds_the_mesh_of_the_config(
+    code_of: Callable[..., int], tmp_path: Path, config: Path, name: str
+) -> None:
+    assert code_of("mesh", config, "--out", tmp_path / name) == 0
     expected = build_mesh(load(config)).mesh
     found = read_mesh(tmp_path / name)
     np.testing.assert_array_equal(found.nodes, expected.nodes)
     np.testing.assert_array_equal(found.tets, expected.tets)
 
 
-def test_the_report_tells_counts_and_quality(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert code_of(PAD, "--out", tmp_path / "pad.vtu") == 0
+def test_the_report_tells_counts_and_quality(
+    code_of: Callable[..., int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert code_of("mesh", PAD, "--out", tmp_path / "pad.vtu") == 0
     out, err = capsys.readouterr()
     mesh = build_mesh(load(PAD)).mesh
     assert f"{len(mesh.nodes)}" in out and f"{len(mesh.tets)}" in out
@@ -40,8 +37,10 @@ def test_the_report_tells_counts_and_quality(tmp_path: Path, capsys: pytest.Capt
     assert err == ""
 
 
-def test_quiet_says_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert code_of(PAD, "--out", tmp_path / "pad.vtu", "--quiet") == 0
+def test_quiet_says_nothing(
+    code_of: Callable[..., int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert code_of("mesh", PAD, "--out", tmp_path / "pad.vtu", "--quiet") == 0
     assert capsys.readouterr() == ("", "")
 
 
@@ -54,9 +53,14 @@ def test_quiet_says_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     ],
 )
 def test_a_mistake_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], config: str, out: str, told: str
+    code_of: Callable[..., int],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    config: str,
+    out: str,
+    told: str,
 ) -> None:
-    assert code_of(config, "--out", tmp_path / out) == 2
+    assert code_of("mesh", config, "--out", tmp_path / out) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.startswith("error: ") and told in captured.err

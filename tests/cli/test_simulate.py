@@ -1,28 +1,21 @@
 """softfuse simulate."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from softfuse.cli import main
 from softfuse.mesh.files import read_mesh
 
 PAD = Path(__file__).parents[2] / "configs" / "pad.toml"
 
 
-def code_of(*arguments: str | Path) -> int | str | None:
-    """The exit code of `softfuse simulate`."""
-    with pytest.raises(SystemExit) as caught:
-        main(["simulate", *map(str, arguments)])
-    return caught.value.code
-
-
-def test_numbers_and_shape_are_written(tmp_path: Path) -> None:
+def test_numbers_and_shape_are_written(code_of: Callable[..., int], tmp_path: Path) -> None:
     numbers, shape = tmp_path / "n.json", tmp_path / "s.vtu"
     given = ("--contact", "uniform", "--at", "10,-6", "--force", "5", "--quiet")
-    assert code_of(PAD, *given, "--json", numbers, "--vtu", shape) == 0
+    assert code_of("simulate", PAD, *given, "--json", numbers, "--vtu", shape) == 0
     found = json.loads(numbers.read_text())
     assert set(found) == {
         "force_N",
@@ -48,7 +41,9 @@ def test_numbers_and_shape_are_written(tmp_path: Path) -> None:
         ("somewhere", "is not a place: give X,Y in mm"),
     ],
 )
-def test_a_wrong_place_is_one_line(capsys: pytest.CaptureFixture[str], at: str, told: str) -> None:
-    assert code_of(PAD, "--at", at, "--force", "5") == 2
+def test_a_wrong_place_is_one_line(
+    code_of: Callable[..., int], capsys: pytest.CaptureFixture[str], at: str, told: str
+) -> None:
+    assert code_of("simulate", PAD, "--at", at, "--force", "5") == 2
     err = capsys.readouterr().err
     assert told in err and err.count("\n") == 1

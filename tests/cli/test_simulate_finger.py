@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.cli import main
 from softfuse.cli.electrode_trial import ElectrodeTrial
 from softfuse.cli.trial import Asked
 from softfuse.config import load
@@ -19,23 +18,18 @@ from softfuse.mesh.files import read_mesh
 ROOT = Path(__file__).parents[2]
 
 
-def code_of(*arguments: str | Path) -> int | str | None:
-    """The exit code of `softfuse simulate`."""
-    with pytest.raises(SystemExit) as caught:
-        main(["simulate", *map(str, arguments)])
-    return caught.value.code
-
-
 @pytest.fixture(scope="module")
 def coarse(linear_finger: Callable[..., Path]) -> Path:
     """The finger's config on a coarse mesh of elements that compile in no time."""
     return linear_finger()
 
 
-def test_a_push_and_a_pull_give_numbers_and_a_shape(tmp_path: Path, coarse: Path) -> None:
+def test_a_push_and_a_pull_give_numbers_and_a_shape(
+    code_of: Callable[..., int], tmp_path: Path, coarse: Path
+) -> None:
     numbers, shape = tmp_path / "n.json", tmp_path / "s.vtu"
     given = ("--electrode", "tip left", "--force", "0.2", "--cable", "5 mm", "--quiet")
-    assert code_of(coarse, *given, "--json", numbers, "--vtu", shape) == 0
+    assert code_of("simulate", coarse, *given, "--json", numbers, "--vtu", shape) == 0
     found = json.loads(numbers.read_text())
     assert found["result"] == "converged" and found["force_N"] == pytest.approx(0.2)
     assert found["electrode"] == "tip left" and len(found["pressures_Pa"]) == 6
@@ -76,21 +70,29 @@ def test_a_cable_is_shortened_or_pulled(coarse: Path) -> None:
     ],
 )
 def test_a_mistake_is_one_line(
-    capsys: pytest.CaptureFixture[str], coarse: Path, arguments: tuple[str, ...], told: str
+    code_of: Callable[..., int],
+    capsys: pytest.CaptureFixture[str],
+    coarse: Path,
+    arguments: tuple[str, ...],
+    told: str,
 ) -> None:
-    assert code_of(coarse, *arguments) == 2
+    assert code_of("simulate", coarse, *arguments) == 2
     err = capsys.readouterr().err
     assert told in err and err.count("\n") == 1
 
 
-def test_a_pad_has_no_electrodes_to_be_pressed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert code_of(ROOT / "configs" / "pad.toml", "--electrode", "tip", "--force", "1") == 2
+def test_a_pad_has_no_electrodes_to_be_pressed(
+    code_of: Callable[..., int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert code_of("simulate", ROOT / "configs" / "pad.toml", "--electrode", "tip", "--force", "1") == 2
     assert "this device is pressed by a disc" in capsys.readouterr().err
 
 
-def test_the_cable_bends_the_finger_beyond_a_right_angle(tmp_path: Path, coarse: Path) -> None:
+def test_the_cable_bends_the_finger_beyond_a_right_angle(
+    code_of: Callable[..., int], tmp_path: Path, coarse: Path
+) -> None:
     numbers = tmp_path / "n.json"
-    assert code_of(coarse, "--cable", "25 mm", "--quiet", "--json", numbers) == 0
+    assert code_of("simulate", coarse, "--cable", "25 mm", "--quiet", "--json", numbers) == 0
     found = json.loads(numbers.read_text())
     assert found["result"] == "converged" and found["tip_bend_deg"] > 90.0
     assert found["residual_N"] < 1e-6
