@@ -27,6 +27,7 @@ from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.surface import cavities
 from softfuse.mesh.tetmesh import quadratic, tet_mesh
+from softfuse.sensing.gas import gauge_pressure_of
 
 INNER, OUTER, YOUNG, ATMOSPHERE = 5e-3, 10e-3, 1e5, 101325.0
 _solve = eqx.filter_jit(solve)
@@ -127,6 +128,34 @@ def test_gas_sealed_at_rest_does_nothing(sphere) -> None:
     ball = sphere(1, 0.3)
     swollen, found = _swollen(ball, _gas(ball, 0.0, 1.0), ATMOSPHERE)
     assert abs(swollen) < 1e-14 and abs(float(found.state.force[0])) < 1e-8
+
+
+def test_stiff_walls_make_both_ways_from_volume_to_pressure_agree(sphere) -> None:
+    """A wall that is drawn in squeezes the gas: it resists (coupled), or its pressure follows from the volume
+    that it would have if it did not (eqs. 5 to 7). These differ as gas and wall share the load, k_gas / k.
+    """
+    soft = sphere(1, 0.3)
+    apart = []
+    for stiffer in (1e2, 1e3, 1e4):
+        wall = (NeoHookean.from_young(stiffer * YOUNG, 0.3),)
+        body = eqx.tree_at(lambda b: b.materials, soft.body, wall)
+        ball = soft._replace(body=body, newton=Newton(SparseLU.plan(body)))
+        drawn = PrescribedForce.on(VolumePorts.of((ball.cavity,), body), body, jnp.full(1, 1e3))
+        gas = _gas(ball, 0.5 * ball.rest_volume, 1.4)
+        suction = -0.01 * stiffer * YOUNG
+        alone, _ = _swollen(ball, drawn, suction)
+        loads = Loads((drawn, gas))
+        at = jnp.array([suction, ATMOSPHERE])
+        found = _solve(ball.newton, body, loads, at, State.rest(body, loads))
+        assert found.result == RESULTS.converged
+        rest, dead = jnp.asarray(ball.rest_volume), jnp.asarray(0.5 * ball.rest_volume)
+        follows = gauge_pressure_of(alone * rest, rest, dead, atmosphere=ATMOSPHERE, exponent=1.4)
+        coupled = float(found.state.force[1])
+        assert coupled > 100.0  # what is drawn in squeezes
+        apart.append(float(follows) / coupled - 1)
+        share = 1.4 * ATMOSPHERE / 1.5 / (stiffer * _stiffness(0.3))
+        assert apart[-1] == pytest.approx(share, rel=0.2)
+    np.testing.assert_allclose(np.divide(apart[:-1], apart[1:]), 10.0, rtol=0.05)
 
 
 def test_a_following_pressure_adds_its_second_derivative_to_the_tangent(sphere) -> None:
