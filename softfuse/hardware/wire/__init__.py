@@ -56,7 +56,12 @@ spaces at the ends, and none is `time_s`. The `layout` of a device is the CRC (a
 A channel that was not read, and a float that is not finite, is NaN on the host. A sample of a layout that the
 device has not described is counted and handed on as bytes: the host never guesses, it asks.
 
-**Example.** Device 7 named "pad" with the one channel "f_V" (u16, scale 0.5, offset -1) describes itself at
-1 s, before its first sample, and then reads 258, that is 128 V, at 1.01 s. The bytes of both packets are
-written out in tests/hardware/test_wire_known_answers.py.
+**Example.** Device 7 named "pad" has the one channel "f_V" (u16, scale 0.5, offset -1). At 1 s, before its
+first sample, it describes itself, and at 1.01 s it reads 258, that is 128 V. The layout is 0x2799, and on
+the line are
+
+    04 01 01 07 01 01 01 01 04 40 42 0f 01 01 01 01 06 03 70 61 64 01 02 03
+    01 01 02 3f 01 09 80 bf 03 66 5f 56 1c 6b 00
+
+    04 01 02 07 01 01 01 01 04 50 69 0f 01 01 01 01 08 99 27 01 02 01 da 76 00
 """

@@ -4,7 +4,8 @@ A line ends with \\n or \\r\\n and is one of
 
 * a header: its fields name every column that is wanted; a # may stand before it, and the time need not be
   named in it, then it is the first column;
-* a remark: it begins with # or has no number in it; handed on as text;
+* a remark: it begins with #, or with a letter and has neither numbers nor as many fields as there are
+  columns; handed on as text;
 * data: as many fields as there are columns, all finite numbers.
 
 Everything else is malformed and counted, and so is a line that is not ASCII or longer than `LONGEST_LINE`.
@@ -208,7 +209,7 @@ class LineDecoder:
             self._columns = header
             self._count.headers += 1
             return [self._description(host_s)]
-        if text.startswith("#") or all(_number(name) is None for name in names):
+        if text.startswith("#") or self._prose(text, names):
             self._count.remarks += 1
             return [Received(host_s, TextMessage(self._stamp(0), text), None)]
         return self._data(names, host_s)
@@ -219,6 +220,11 @@ class LineDecoder:
         if header is None and self.format.time is not None and text.startswith("#"):
             header = self.format.order((self.format.time, *names))
         return header
+
+    def _prose(self, text: str, fields: list[str]) -> bool:
+        """Whether a line without # is a remark all the same; readings that failed ("nan,nan") are none."""
+        readings = len(fields) == len(self._columns)
+        return text[0].isalpha() and not readings and all(_number(one) is None for one in fields)
 
     def _data(self, fields: list[str], host_s: float) -> list[Received]:
         if not self._whole:
