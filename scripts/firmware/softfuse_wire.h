@@ -376,8 +376,8 @@ static inline bool softfuse_asked(softfuse_question *question, const softfuse_de
         question->bad = false;
     } else {
         const bool is_code = question->left == 0u;
-        /* A code byte stands for a zero, except the first and those after 254 bytes without one. */
-        const bool is_data = !is_code || (question->code != 0u && question->code != 255u);
+        /* A code byte stands for a zero, except the first; those after 254 bytes are beyond any question. */
+        const bool is_data = !is_code || question->code != 0u;
         if (is_data && question->used == sizeof question->body) {
             question->bad = true;
         } else if (is_data) {

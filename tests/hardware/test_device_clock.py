@@ -138,6 +138,23 @@ def test_a_long_gap_does_not_lose_the_drift():
     assert worst(error, 60.0) < 3e-3 and worst(error, 75.0) < 20e-6
 
 
+def test_a_drift_that_changes_is_followed():
+    line, clock = Line(200.0, exponential, seconds=200), DeviceClock()
+    # From 80 s on it is 230 ppm, as after a change of temperature.
+    line.device_us = line.device_us - np.maximum(line.true_s - 80, 0) * 30
+    error = line.stamps(clock) - line.true_s
+    assert clock.report.drift_ppm == pytest.approx(230.0, abs=2.0)
+    assert worst(error, 20.0) < 2e-3 and worst(error, 145.0) < 20e-6
+
+
+def test_a_restart_while_the_clock_is_ahead_does_not_go_back():
+    clock = DeviceClock()
+    # Samples that come at once are stamped apart, the later ones after their arrival.
+    stamps = [clock.stamp(us, 10.0) for us in (1_000_000, 1_190_000, 1_380_000, 1_570_000)]
+    stamps.append(clock.stamp(5_000, 10.1))
+    assert stamps[3] > 10.1 and np.all(np.diff(stamps) > 0)
+
+
 @pytest.mark.parametrize("said", [True, False])
 def test_a_restart_begins_anew_and_stays_monotone(said):
     before, after = Line(200.0, exponential, seconds=20), Line(-100.0, exponential, seconds=20, seed=2)

@@ -58,6 +58,8 @@ def test_the_longest_packet_is_held_and_a_longer_one_is_not():
     assert len(longest) == LONGEST_PACKET + 1
     assert Unpacker().feed(longest) == [bytes([1]) * 16384]
     unpacker = Unpacker()
+    assert unpacker.feed(pack(bytes([1]) * 16385)) == [] and unpacker.counts.oversized == 1
+    unpacker = Unpacker()
     for _ in range(1000):
         assert unpacker.feed(b"\x01" * 1000) == []
         assert len(unpacker._partial) <= LONGEST_PACKET
