@@ -1,10 +1,12 @@
-"""Commands that run within the tests leave no programs in the user's cache folder."""
+"""Commands that run within the tests, and leave no programs in the user's cache folder."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import jax
 import pytest
+
+from softfuse.cli import main
 
 
 @pytest.fixture(autouse=True)
@@ -15,3 +17,16 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.Monk
         monkeypatch.setenv(name, str(folder))
     yield
     jax.config.update("jax_compilation_cache_dir", None)
+
+
+@pytest.fixture(scope="session")
+def code_of() -> Callable[..., int]:
+    """Runs softfuse with the arguments given and returns its exit code."""
+
+    def run(*arguments: str | Path) -> int:
+        with pytest.raises(SystemExit) as caught:
+            main([*map(str, arguments)])
+        assert isinstance(caught.value.code, int)
+        return caught.value.code
+
+    return run
