@@ -2,6 +2,7 @@
 
 import json
 import math
+import time
 import tracemalloc
 
 import numpy as np
@@ -136,8 +137,6 @@ def test_a_time_that_mcap_cannot_hold_is_refused(at):
 
 
 def test_the_hosts_clock_is_the_calendars_and_never_goes_back():
-    import time
-
     clock = HostClock()
     times = [clock.now_s() for _ in range(1000)]
     assert times == sorted(times) and abs(times[-1] - time.time()) < 1.0

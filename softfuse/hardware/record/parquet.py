@@ -30,9 +30,9 @@ def read_parquet(path: Path) -> FrameTable:
     import pyarrow.parquet as pq
 
     try:
-        file = pq.ParquetFile(path)
+        file = pq.ParquetFile(path, page_checksum_verification=True)
         schema = file.schema_arrow
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeError) as error:
         raise RecordingError(f"cannot read {path} as a Parquet file: {_first_line(error)}") from error
     names = list(schema.names)
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -57,8 +57,8 @@ def read_parquet(path: Path) -> FrameTable:
                 for index, at, one in zip(numbers, columns[TIME].tolist(), values, strict=True):
                     yield FrameEntry(_counted(index, path), at, one)
                 row += len(batch)
-        except (pa.ArrowException, OSError) as error:
-            raise RecordingError(f"{path} is damaged after row {row}: {_first_line(error)}") from error
+        except (pa.ArrowException, OSError, UnicodeError) as error:
+            raise RecordingError(f"cannot read {path} after row {row}: {_first_line(error)}") from error
 
     return FrameTable(path, channels, frames())
 
@@ -121,7 +121,7 @@ def _write(path: Path, schema: "pa.Schema", entries: Iterator[Any], columns: Any
     import pyarrow.parquet as pq
 
     count = 0
-    with pq.ParquetWriter(path, schema, compression="zstd") as writer:
+    with pq.ParquetWriter(path, schema, compression="zstd", write_page_checksum=True) as writer:
         while batch := list(islice(entries, _rows(len(schema)))):
             writer.write_batch(pa.record_batch(columns(batch), schema=schema))
             count += len(batch)
