@@ -23,3 +23,7 @@ class SolveError(SoftfuseError):
 
 class WireError(SoftfuseError):
     """Bytes, or a description of channels, that the wire protocol does not allow."""
+
+
+class HardwareError(SoftfuseError):
+    """A port, sensor or stage that cannot be opened or does not do what it should."""
