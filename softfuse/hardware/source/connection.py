@@ -134,7 +134,7 @@ class Connection:
                 if greeting and now >= next_part:
                     self._write(port, greeting.popleft())
                     greeted, next_part = now, now + PAUSE_S
-                while self._unsent:
+                if self._unsent:
                     self._write(port, self._unsent.popleft())
                 data = port.read()
                 now = monotonic()
@@ -158,7 +158,8 @@ class Connection:
         try:
             port.write(data)
         except TimeoutError as error:
-            # Told as a silence if it goes on: a device that takes nothing sends nothing.
+            # What waits behind it would hold up the reading as long, one by one.
+            self._unsent.clear()
             _log.info("%s: %s", self._url, error)
 
     def _reopened(self) -> AbstractPort | None:
@@ -217,7 +218,8 @@ def remedy(url: str, error: OSError) -> str:
 def _number(error: BaseException | None) -> int | None:
     """The error's number, which pyserial leaves out in places, or that of what it came from."""
     while error is not None:
-        if isinstance(error, OSError) and error.errno is not None:
-            return error.errno
+        # That of an OSError, and of termios' own error, which is none.
+        if error.args and isinstance(error.args[0], int):
+            return error.args[0]
         error = error.__cause__ or error.__context__
     return None

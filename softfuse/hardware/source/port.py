@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 
 WAIT_S = 0.05
 """How long a read waits for bytes [s]."""
-WRITE_WAIT_S = 0.5
+WRITE_WAIT_S = 0.1
 """How long a write waits for a device that does not take bytes [s]."""
 LARGEST_READ = 65536
 """Bytes that one read returns at most."""
