@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from softfuse.errors import HardwareError
+from softfuse.hardware.source import connection as connection_module
 from softfuse.hardware.source.ati_net_ft import PORT, AtiNetFt
 from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.source.udp_port import open_udp
@@ -113,7 +114,8 @@ def test_changes_of_the_status_are_told_once():
     assert good.level == "info" and "healthy" in good.text
 
 
-def test_it_is_started_again_after_its_power_was_cut_and_stopped_at_the_end(sensor, log):
+def test_it_is_started_again_after_its_power_was_cut_and_stopped_at_the_end(sensor, log, monkeypatch):
+    monkeypatch.setattr(connection_module, "SILENT_S", 0.3)
     driver = AtiNetFt(1e6, 1e6)
     connection = Connection(
         0,

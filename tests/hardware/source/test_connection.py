@@ -10,6 +10,7 @@ from itertools import pairwise
 import pytest
 
 from softfuse.errors import HardwareError
+from softfuse.hardware.source import connection as connection_module
 from softfuse.hardware.source.connection import Connection, remedy
 from softfuse.hardware.source.serial_port import open_serial
 from softfuse.hardware.stream import HostClock
@@ -107,7 +108,10 @@ def test_a_port_is_back_within_a_second_of_its_return(plug, log, connect):
         assert told >= 0.25
 
 
-def test_a_greeting_is_sent_part_by_part_and_again_after_a_silence_and_a_return(plug, log, connect):
+def test_a_greeting_is_sent_part_by_part_and_again_after_a_silence_and_a_return(
+    plug, log, connect, monkeypatch
+):
+    monkeypatch.setattr(connection_module, "SILENT_S", 1.0)
     connect(plug.path, greeting=(b"stop\n", b"rate\n", b"start\n"))
     whole = b"stop\nrate\nstart\n"
     assert plug.heard(len(whole)) == whole
@@ -129,7 +133,7 @@ def test_a_greeting_is_sent_part_by_part_and_again_after_a_silence_and_a_return(
 def test_a_device_that_sends_is_greeted_once(plug, log, connect):
     connect(plug.path, greeting=(b"start\n",))
     assert plug.heard(6) == b"start\n"
-    for _ in range(100):
+    for _ in range(70):
         plug.send(b"x")
         time.sleep(0.01)
     os.set_blocking(plug.master, False)
@@ -173,15 +177,15 @@ def test_idle_connections_cost_next_to_nothing(plug, log, connect):
     connection = connect(plug.path)
     time.sleep(0.2)
     started = time.process_time()
-    time.sleep(1.0)
+    time.sleep(0.5)
     reading = time.process_time() - started
     plug.unplug()
     log.wait(lambda seen: "lost" in seen.notices[-1].text)
     started = time.process_time()
-    time.sleep(1.0)
+    time.sleep(0.5)
     waiting = time.process_time() - started
     assert connection.running
-    assert reading < 0.1 and waiting < 0.1
+    assert reading < 0.05 and waiting < 0.05
 
 
 def test_bytes_come_over_tcp_and_it_connects_again(log, connect):

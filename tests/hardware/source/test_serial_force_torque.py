@@ -1,5 +1,6 @@
 """The drivers of Robotous' and Bota's sensors, against sensors made from the manuals' tables."""
 
+import contextlib
 import math
 import os
 import struct
@@ -179,10 +180,8 @@ class Rft(threading.Thread):
         partial = b""
         os.set_blocking(self.plug.master, False)
         while not self.ended.wait(1.0 / self.rate):
-            try:
+            with contextlib.suppress(OSError):
                 partial += os.read(self.plug.master, 1000)
-            except OSError:
-                pass
             while len(partial) >= 11:
                 packet, partial = partial[:11], partial[11:]
                 assert (packet[0], packet[10]) == (0x55, 0xAA) and packet[9] == sum(packet[1:9]) & 0xFF

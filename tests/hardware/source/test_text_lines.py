@@ -21,7 +21,8 @@ ADAFRUIT = (
 FDC_SINGLE = (
     "✓ FDC1004 device is responding\r\n\r\nStarting continuous measurements on Channel 0...\r\n"
     "Time(ms)\tCapacitance(pF)\tCAPDAC\tStatus\r\n----------------------------------------------\r\n"
-    "1250\t\t3.1415\t\t4\tOK\r\n1500\t\tERROR\t\t-\tMEASUREMENT FAILED\r\n1750\t\t-2.7183\t\t5\tCAPDAC ADJUST\r\n"
+    "1250\t\t3.1415\t\t4\tOK\r\n1500\t\tERROR\t\t-\tMEASUREMENT FAILED\r\n"
+    "1750\t\t-2.7183\t\t5\tCAPDAC ADJUST\r\n"
 )
 FDC_MULTI = (
     "Time(s)\tCH0(pF)\tCH1(pF)\tCH2(pF)\tCH3(pF)\tStatus\r\n"
