@@ -2,7 +2,7 @@
 
 A line is data as softfuse/hardware/wire/lines.py says. For boards that print more than that, only the lines
 with a prefix may be taken, and only their first fields. What well-known example sketches print (read from
-their sources in 2026; the electrodes of all of them are counts):
+their sources in 2026; values are counts, or pF where it says so):
 
 * `mpr121-bare-conductive`: Bare Conductive's library MPR121, example DataStream: among others a line
   "FDAT: " and 13 filtered values between spaces, of electrodes 0 to 11 and of proximity (e0 .. e12).

@@ -92,6 +92,15 @@ def test_damaged_frames_are_counted_and_the_next_ones_found(sensor):
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
+@pytest.mark.parametrize("false_starts", [1, 2, 3, 50])
+def test_a_byte_that_looks_like_a_beginning_hides_no_frame(sensor, false_starts):
+    make, frame, _ = SENSORS[sensor]
+    driver = make()
+    assert len(driver.feed(frame()[:1] * false_starts + frame() + frame(), 0.0)) == 2
+    assert driver.counts["bytes discarded"] == false_starts
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
 def test_noise_is_no_sample_and_does_not_pile_up(sensor):
     make, frame, _ = SENSORS[sensor]
     rng = np.random.default_rng(5)
