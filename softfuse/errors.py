@@ -19,3 +19,11 @@ class RecordingError(SoftfuseError):
 
 class SolveError(SoftfuseError):
     """An equilibrium that was not found; the message names the result and what may help."""
+
+
+class WireError(SoftfuseError):
+    """Bytes, or a description of channels, that the wire protocol does not allow."""
+
+
+class HardwareError(SoftfuseError):
+    """A port, sensor or stage that cannot be opened or does not do what it should."""

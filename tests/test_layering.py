@@ -32,7 +32,10 @@ ALLOWED: dict[str, set[str]] = {
 }
 """What each folder of softfuse may import besides itself and the errors; "" is softfuse/__init__.py."""
 
-HEAVY = {"trimesh", "pytetwild", "meshio", "matplotlib", "serial", "rerun", "manifold3d", "pint", "h5py"}
+HEAVY = {
+    *("trimesh", "pytetwild", "meshio", "matplotlib", "serial", "rerun", "manifold3d", "pint", "h5py"),
+    *("mcap", "pyarrow"),
+}
 """Libraries that are imported inside the functions that need them."""
 
 LONGEST_FILE = 400

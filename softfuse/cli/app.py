@@ -13,10 +13,11 @@ from rich.logging import RichHandler
 
 from softfuse.cli.calibrate import calibrate
 from softfuse.cli.computing import prepare_jax
+from softfuse.cli.convert import convert
 from softfuse.cli.estimate import estimate
 from softfuse.cli.mesh import mesh
 from softfuse.cli.simulate import simulate
-from softfuse.cli.terminal import stderr, stdout
+from softfuse.cli.terminal import escape_log, printable, stderr, stdout
 from softfuse.errors import SoftfuseError
 
 app = typer.Typer(
@@ -28,6 +29,7 @@ app.command()(mesh)
 app.command()(simulate)
 app.command()(estimate)
 app.command()(calibrate)
+app.command()(convert)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -39,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         app(arguments)
     except SoftfuseError as error:
         for line in str(error).split("\n"):
-            stderr.print(f"error: {line}", markup=False, highlight=False, soft_wrap=True)
+            stderr.print(f"error: {printable(line)}", markup=False, highlight=False, soft_wrap=True)
         raise SystemExit(2) from None
 
 
@@ -57,5 +59,6 @@ def _prepare(
     ] = False,
 ) -> None:
     handler = RichHandler(console=stderr, show_time=False, show_path=False, markup=False)
+    handler.addFilter(escape_log)
     logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[handler])
     prepare_jax()

@@ -1,5 +1,6 @@
 """What people see: results on stdout; progress, logs and errors on stderr."""
 
+import logging
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Annotated, TypeVar
@@ -23,6 +24,20 @@ stderr = Console(stderr=True)
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no tables, only errors.")]
 """The option --quiet of every command."""
+
+
+def printable(text: str) -> str:
+    """The text with what could command a terminal escaped: control characters and the like, but line ends."""
+    return "".join(
+        sign if sign.isprintable() or sign == "\n" else sign.encode("unicode_escape").decode()
+        for sign in text
+    )
+
+
+def escape_log(record: logging.LogRecord) -> bool:
+    """A filter of log records that lets all pass, printable."""
+    record.msg, record.args = printable(record.getMessage()), None
+    return True
 
 
 @contextmanager

@@ -25,6 +25,7 @@ from softfuse.config.quantity import (
 )
 from softfuse.config.sensor_set import SensorSettings
 from softfuse.config.settings import FileSettings, Settings, Vector
+from softfuse.config.source import AnySource, check_sources
 
 
 class NameSettings(Settings):
@@ -68,6 +69,7 @@ class DeviceConfig(FileSettings):
     centreline: CentrelineSettings | None = None
     contact: AnyContact | None = None
     sensors: SensorSettings | None = None
+    sources: tuple[AnySource, ...] = Field(default=(), alias="source")
     estimator: EstimatorSettings = EstimatorSettings()
 
     @model_validator(mode="after")
@@ -84,6 +86,7 @@ class DeviceConfig(FileSettings):
             self.gas.check_cavities(len(self.cavities))
         if self.contact is not None:
             self.contact.check_electrodes(self.electrodes)
+        check_sources(self.sources)
         return self
 
     @model_validator(mode="after")

@@ -11,6 +11,7 @@ import csv
 import gzip
 import logging
 import math
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -109,7 +110,9 @@ def _rows(path: Path, stream: TextIO) -> tuple[list[tuple[int, list[str]]], bool
         rows.extend((number, fields) for number, fields in _parse(stream) if fields)
     except gzip.BadGzipFile as error:
         raise RecordingError(f"{path} is not a gzip file: {error}") from error
-    except (EOFError, OSError) as error:
+    except csv.Error as error:
+        raise RecordingError(f"{path} is no table of numbers: {error}") from error
+    except (EOFError, OSError, zlib.error) as error:
         logger.warning("%s ends early: %s", path, error)
         return rows, False
     return rows, True

@@ -109,6 +109,12 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path):
             read_recording(path, [])
 
 
+def test_a_field_without_end_is_refused(tmp_path):
+    path = written(tmp_path, [HEADER, "0.00,0.5," + "1" * 200_000])
+    with pytest.raises(RecordingError, match="no table of numbers"):
+        read_recording(path, [])
+
+
 def test_compressed_recordings_whole_cut_and_false(tmp_path):
     rng = np.random.default_rng(0)
     lines = [HEADER, *(f"{0.01 * i:.2f},{rng.random():.6f},{rng.integers(1000000)},0" for i in range(4000))]
@@ -119,6 +125,8 @@ def test_compressed_recordings_whole_cut_and_false(tmp_path):
     path.write_bytes(data[: len(data) // 2])
     cut = read_recording(path, ["row0"])
     assert not cut.complete and 500 < cut.time_s.size < 4000
+    path.write_bytes(data[:5000] + b"no deflate" * 9 + data[5090:])
+    assert not read_recording(path, ["row0"]).complete
     path.write_bytes(b"no gzip at all")
     with pytest.raises(RecordingError, match="not a gzip file"):
         read_recording(path, ["row0"])

@@ -1,0 +1,266 @@
+"""A session from an MCAP file, in the order in which it was written, also of a file that was cut anywhere."""
+
+import logging
+import re
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO, TypeVar
+
+from softfuse.errors import RecordingError
+from softfuse.hardware.record.entries import EstimateEntry, FrameEntry, Kind, SessionInfo, SourceInfo
+from softfuse.hardware.record.entry_json import EstimateFormat, FrameFormat, parse_json, read_notice
+from softfuse.hardware.record.mcap_records import (
+    MAGIC,
+    DamagedRecord,
+    RawMessage,
+    RecordPlace,
+    chunk_records,
+    content,
+    data_stream,
+    raw_message,
+    record_places,
+)
+from softfuse.hardware.record.session_writer import FORMAT, PROFILE
+from softfuse.hardware.stream import Chunk, Notice
+
+logger = logging.getLogger(__name__)
+
+T = TypeVar("T")
+Entry = Chunk | FrameEntry | EstimateEntry | Notice
+Reader = Callable[[RawMessage], T]
+_HEADER, _FOOTER, _CHANNEL, _MESSAGE, _CHUNK = 0x01, 0x02, 0x04, 0x05, 0x06
+_ATTACHMENT, _METADATA, _DATA_END = 0x09, 0x0C, 0x0F
+_LARGEST_HEAD = 4 << 20
+_BYTES_TOPIC = re.compile(r"/source/(0|[1-9][0-9]{0,3})/bytes", re.ASCII)
+_JSON, _RAW = "json", "application/octet-stream"
+
+
+class Session:
+    """A session on disk. Its entries are read anew from the file each time that they are asked for."""
+
+    def __init__(self, path: str | Path) -> None:
+        """Look through a file; RecordingError when it cannot be opened or is no session."""
+        self.path = Path(path)
+        self.unreadable = 0
+        """Chunks and entries that could not be read so far, because they are damaged."""
+        self._channels: dict[int, tuple[str, str]] = {}
+        self._metadata: dict[str, dict[str, str]] = {}
+        self._config: bytes | None = None
+        with self._open() as stream:
+            self.size = stream.seek(0, 2)
+            """Bytes of the file."""
+            self.complete, self.cut_bytes = self._survey(stream)
+            """Whether the session was closed and its end is there; and how many bytes at the end of the file
+            belong to something that was cut.
+            """
+        self.info = self._info()
+        """What was known before the first byte; empty as far as the file was cut before it."""
+        if not self.complete:
+            logger.warning(
+                "%s was not closed: it ends early, %d bytes at its end cannot be read",
+                self.path,
+                self.cut_bytes,
+            )
+
+    def entries(self) -> Iterator[Entry]:
+        """Everything, in the order in which it was written."""
+        return self._read({**self._bytes(), **self._frames(), **self._estimates(), **self._notices()})
+
+    def chunks(self) -> Iterator[Chunk]:
+        """The bytes of the sources, with times to the nanosecond (`nanoseconds`)."""
+        return self._read(self._bytes())
+
+    def frames(self) -> Iterator[FrameEntry]:
+        """The frames."""
+        return self._read(self._frames())
+
+    def estimates(self) -> Iterator[EstimateEntry]:
+        """The estimates."""
+        return self._read(self._estimates())
+
+    def notices(self) -> Iterator[Notice]:
+        """The notices."""
+        return self._read(self._notices())
+
+    def _bytes(self) -> dict[int, Reader[Chunk]]:
+        def reader(source: int) -> Reader[Chunk]:
+            return lambda message: Chunk(source, _seconds(message), message.data)
+
+        found = {
+            channel: _BYTES_TOPIC.fullmatch(topic)
+            for channel, (topic, encoding) in self._channels.items()
+            if encoding == _RAW
+        }
+        return {channel: reader(int(match[1])) for channel, match in found.items() if match}
+
+    def _frames(self) -> dict[int, Reader[FrameEntry]]:
+        form = FrameFormat(self.info.channels)
+        return self._topic("/frame", lambda message: form.read(message.data))
+
+    def _estimates(self) -> dict[int, Reader[EstimateEntry]]:
+        form = EstimateFormat(self.info.estimates)
+        return self._topic("/estimate", lambda message: form.read(message.data, _seconds(message)))
+
+    def _notices(self) -> dict[int, Reader[Notice]]:
+        return self._topic("/notice", lambda message: read_notice(message.data, _seconds(message)))
+
+    def _topic(self, topic: str, reader: Reader[T]) -> dict[int, Reader[T]]:
+        return {channel: reader for channel, found in self._channels.items() if found == (topic, _JSON)}
+
+    def _open(self) -> BinaryIO:
+        try:
+            return self.path.open("rb")
+        except OSError as error:
+            raise RecordingError(f"cannot open the session {self.path}: {error.strerror or error}") from error
+
+    def _read(self, readers: dict[int, Reader[T]]) -> Iterator[T]:
+        with self._open() as stream:
+            for message in self._messages(stream):
+                reader = readers.get(message.channel)
+                if reader is None:
+                    if message.channel not in self._channels:
+                        self._miss("an entry of a channel that is not described")
+                    continue
+                try:
+                    entry = reader(message)
+                except RecordingError as error:
+                    self._miss(f"an entry: {error}")
+                else:
+                    yield entry
+
+    def _messages(self, stream: BinaryIO) -> Iterator[RawMessage]:
+        for place in record_places(stream, self.size):
+            if place.opcode in (_DATA_END, _FOOTER):
+                return
+            try:
+                if place.opcode == _MESSAGE:
+                    yield raw_message(content(stream, place))
+                elif place.opcode == _CHUNK:
+                    for opcode, data in chunk_records(content(stream, place)):
+                        if opcode == _MESSAGE:
+                            yield raw_message(data)
+            except DamagedRecord as error:
+                self._miss(str(error))
+
+    def _miss(self, what: str) -> None:
+        self.unreadable += 1
+        if self.unreadable == 1:
+            logger.warning("%s is damaged, something is missing: %s", self.path, what)
+
+    def _survey(self, stream: BinaryIO) -> tuple[bool, int]:
+        """Learn channels, metadata and config; whether the file is complete, and the bytes of a cut end."""
+        stream.seek(0)
+        magic = stream.read(len(MAGIC))
+        if not MAGIC.startswith(magic):
+            raise RecordingError(
+                f"{self.path} is no MCAP file: a session of softfuse begins with MCAP's magic"
+            )
+        end, complete = min(len(MAGIC), self.size), False
+        for place in record_places(stream, self.size):
+            end = place.offset + place.length
+            if place.opcode == _FOOTER:
+                stream.seek(end)
+                complete = stream.read(len(MAGIC)) == MAGIC
+                end += len(MAGIC) if complete else 0
+                break
+            # The channels come before the first message, and again at the end of a complete file.
+            if place.opcode != _CHUNK or not self._channels:
+                self._learn_safely(stream, place)
+        return complete, max(self.size - end, 0)
+
+    def _learn_safely(self, stream: BinaryIO, place: RecordPlace) -> None:
+        try:
+            if place.opcode == _CHUNK:
+                for opcode, data in chunk_records(content(stream, place)):
+                    if opcode == _CHANNEL:
+                        self._learn(opcode, bytes(data))
+            elif place.opcode == _ATTACHMENT:
+                self._learn(place.opcode, content(stream, place))
+            elif place.opcode in (_HEADER, _CHANNEL, _METADATA):
+                self._learn(place.opcode, content(stream, place, _LARGEST_HEAD))
+        except DamagedRecord as error:
+            logger.info("%s: %s", self.path, error)
+
+    def _learn(self, opcode: int, data: bytes) -> None:
+        from mcap.exceptions import McapError
+        from mcap.records import Attachment, Channel, Header, Metadata
+
+        try:
+            if opcode == _HEADER:
+                header = Header.read(data_stream(data))
+                if header.profile != PROFILE:
+                    raise RecordingError(
+                        f"{self.path} is no session of softfuse but an MCAP file of profile "
+                        f"{header.profile[:40]!r}, written by {header.library[:80]!r}"
+                    )
+            elif opcode == _CHANNEL:
+                channel = Channel.read(data_stream(data))
+                self._channels[channel.id] = (channel.topic, channel.message_encoding)
+            elif opcode == _METADATA:
+                metadata = Metadata.read(data_stream(data))
+                self._metadata[metadata.name] = metadata.metadata
+            else:
+                attachment = Attachment.read(data_stream(data))
+                if attachment.name == "config.toml":
+                    self._config = attachment.data
+        except (McapError, struct.error, UnicodeDecodeError, OverflowError) as error:
+            raise DamagedRecord("a record cannot be read") from error
+
+    def _info(self) -> SessionInfo:
+        about = self._metadata.get("softfuse")
+        if about is None:
+            if self.complete:
+                raise RecordingError(f"{self.path} is no session of softfuse: it does not describe itself")
+            return SessionInfo(version="")
+        if about.get("format") != FORMAT:
+            raise RecordingError(
+                f"{self.path} is a session of format {about.get('format', '')[:40]!r}, written by softfuse "
+                f"{about.get('version', '')[:40]!r}; this one reads format {FORMAT!r}: take a newer softfuse"
+            )
+        try:
+            return SessionInfo(
+                device=about.get("device", ""),
+                command=about.get("command", ""),
+                started=about.get("started", ""),
+                channels=tuple(_strings(about.get("channels", "[]"))),
+                estimates=_kinds(about.get("estimates", "{}")),
+                sources=self._sources(about.get("sources", "0")),
+                config=self._config,
+                version=about.get("version", ""),
+            )
+        except RecordingError as error:
+            raise RecordingError(f"{self.path} describes itself wrongly: {error}") from error
+
+    def _sources(self, count: str) -> tuple[SourceInfo, ...]:
+        if not (count.isascii() and count.isdigit() and len(count) < 5):
+            raise RecordingError(f"{count[:40]!r} is no number of sources")
+        found = (self._metadata.get(f"source/{k}", {}) for k in range(int(count)))
+        return tuple(SourceInfo(about.get("url", ""), about.get("driver", "")) for about in found)
+
+
+def read_session(path: str | Path) -> Session:
+    """The session in a file.
+
+    Raises: RecordingError when the file cannot be opened, is no MCAP file, or was not written by softfuse. A
+    file that was cut, anywhere, is read as far as it goes.
+    """
+    return Session(path)
+
+
+def _seconds(message: RawMessage) -> float:
+    return message.log_ns / 1_000_000_000
+
+
+def _strings(text: str) -> list[str]:
+    found = parse_json(text.encode())
+    if not isinstance(found, list) or not all(isinstance(name, str) for name in found):
+        raise RecordingError("its channels are no list of names")
+    return found
+
+
+def _kinds(text: str) -> dict[str, Kind]:
+    found = parse_json(text.encode())
+    if not isinstance(found, dict) or not all(kind in ("number", "string") for kind in found.values()):
+        raise RecordingError("its columns of estimates are not what they must be")
+    return found

@@ -1,0 +1,1 @@
+"""Stages that press: three axes moved by G-code."""
