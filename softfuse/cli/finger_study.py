@@ -5,16 +5,13 @@ from typing import Any
 import numpy as np
 
 from softfuse.cli.finger_sections import finger_sections
-from softfuse.cli.finger_series import FingerFrame, FingerSeries, finger_frame
+from softfuse.cli.finger_series import FingerFrame, FingerSeries
 from softfuse.cli.finger_truth import finger_truth
-from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks, known, number
-from softfuse.config.build_watched import build_watched
-from softfuse.config.contact import PatchSettings
+from softfuse.cli.readout import FingerReadout
+from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks, known
 from softfuse.experiment.accuracy import scaled
-from softfuse.experiment.contact_accuracy import NOWHERE, contact_force_table, largest_force
+from softfuse.experiment.contact_accuracy import contact_force_table, largest_force
 from softfuse.experiment.shape_accuracy import PULLED_M, position_table
-
-_OF_CONTACT = ("electrode", "x_mm", "y_mm", "z_mm", "force_N")
 
 
 class FingerStudy(AbstractStudy):
@@ -31,29 +28,17 @@ class FingerStudy(AbstractStudy):
         self._frames: list[FingerFrame] = []
         truth = finger_truth(estimated.recording, self._points, len(config.cables))
         self._series = FingerSeries(self._frames, len(config.cables), truth)
-        self._watched = build_watched(config, device, estimated.mesh)
+        self._readout = FingerReadout(config, device, estimated.mesh)
         self._touches, self._pulls = Peaks(), Peaks()
 
     @property
-    def columns(self):
+    def readout(self):
         """Contacts, cables, pressures, points, bending of the centreline."""
-        config = self._all.config
-        links = range(len(config.centreline.points) - 1 if config.centreline else 0)
-        assert isinstance(config.contact, PatchSettings)  # single electrodes go with no other
-        contacts, cables = range(config.contact.max_contacts), range(len(config.cables))
-        return [
-            *(f"contact{c}_{what}" for c in contacts for what in _OF_CONTACT),
-            "force_N",
-            *(f"cable{k}_{unit}" for k in cables for unit in ("mm", "N")),
-            *(f"pressure{k}_{what}" for k in range(len(config.cavities)) for what in ("Pa", "misfit_Pa")),
-            *(f"{name}_{axis}_mm" for name in self._points for axis in "xyz"),
-            *(what for j in links for what in (f"bend{j}_deg", f"curvature{j}_1_m")),
-            *(["tip_bend_deg"] if links else []),
-        ]
+        return self._readout
 
     def see(self, now, state):
         """Remember what people read, and the shape when it may be the peak of a touch or of a pull."""
-        frame = finger_frame(now, state, self._watched.posture(state))
+        frame = self._readout.frame(now, state)
         self._frames.append(frame)
         shorter = float(np.max(frame.posture.answers[: self._series.cables], initial=0.0))
         at = len(self._frames) - 1
@@ -61,29 +46,9 @@ class FingerStudy(AbstractStudy):
         # A pull goes on while something touches, but its shape is that of the cable alone.
         self._pulls.see(at, shorter > PULLED_M, 0.0 if now.contacts else shorter, state.z)
 
-    def row(self, frame):
-        """In mm, N, Pa, degrees and 1/m; a contact's place is where it is now."""
-        seen, cables = self._frames[frame], self._series.cables
-        now, posture = seen.now, seen.posture
-        fields: list[str] = []
-        for e, place, force in zip(seen.electrode, seen.place_m, now.contact_force_N, strict=True):
-            name = "" if e == NOWHERE else self._all.config.electrodes[e].name
-            fields += [name, *(number(1e3 * x, 3) for x in place), number(force, 4)]
-        fields.append(number(now.force_N, 4))
-        for shorter, tension in zip(posture.answers[:cables], now.attached[:cables], strict=True):
-            fields += [number(1e3 * shorter, 3), number(tension, 4)]
-        for pressure, misfit in zip(seen.pressure_Pa, now.misfit[cables:], strict=True):
-            fields += [number(pressure, 2), number(misfit, 2)]
-        fields += [number(1e3 * x, 3) for x in posture.point_m.ravel()]
-        for turn, curvature in zip(posture.turn, posture.curvature, strict=True):
-            fields += [number(float(np.rad2deg(turn)), 3), number(curvature, 4)]
-        return fields + ([number(float(np.rad2deg(posture.tip_turn)), 3)] if len(posture.turn) else [])
-
-    def residual(self, now):
-        """Of the pressures [Pa]."""
-        misfit = now.misfit[self._series.cables :]
-        misfit = misfit[np.isfinite(misfit)]
-        return float(np.sqrt(np.mean(misfit**2))) if misfit.size else float("nan")
+    def values(self, frame):
+        """Read off the frame that was kept."""
+        return self._readout.values(self._frames[frame])
 
     @property
     def peaks(self):

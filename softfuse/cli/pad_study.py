@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from softfuse.cli.readout import PadReadout, Value
 from softfuse.cli.recorded import sample_frames, samples_at
-from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks, number
+from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks
 from softfuse.config.contact import DiscSettings
 from softfuse.experiment import figures
 from softfuse.experiment.accuracy import Samples, force_table, location_table, scaled
@@ -21,26 +22,21 @@ class PadStudy(AbstractStudy):
         """A study of frames that are yet to be found."""
         self._all = estimated
         self._touches = Peaks()
+        self._readout, self._values = PadReadout(estimated.config), list[list[Value]]()
 
     @property
-    def columns(self):
+    def readout(self):
         """Where and how hard, and the measured volume change of each cavity."""
-        volumes = [f"dV{k}_mm3" for k in range(len(self._all.config.cavities))]
-        return ["x_mm", "y_mm", "force_N", *volumes]
+        return self._readout
 
     def see(self, now, state):
-        """Remember the shape when it may be the peak of a touch."""
+        """Remember what people read, and the shape when it may be the peak of a touch."""
+        self._values.append(self._readout.read(now, state))
         self._touches.see(len(self._all.found) - 1, now.contacts > 0, now.force_N, state.z)
 
-    def row(self, frame):
-        """In mm, N and mm³."""
-        row = self._all.found[frame]
-        place = [number(1e3 * x, 3) for x in row.centre_m[:2]]
-        return [*place, number(row.force_N, 4), *(number(1e9 * v, 3) for v in row.reading)]
-
-    def residual(self, now):
-        """Of the volume changes [mm³]."""
-        return 1e9 * now.residual
+    def values(self, frame):
+        """Kept with what was found."""
+        return self._values[frame]
 
     @property
     def peaks(self):

@@ -8,12 +8,15 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from softfuse.cli.study import AbstractStudy, Estimated, known, number
+from softfuse.cli.readout import Column
+from softfuse.cli.study import AbstractStudy, Estimated, known
 from softfuse.estimation.tracker import Tracked
 from softfuse.experiment import figures
 from softfuse.experiment.report import page, picture, spread_table, table
 from softfuse.mesh.files import write_mesh
 from softfuse.sensing.status import Status
+
+_TIME, _LATENCY = Column("time_s", 4), Column("latency_ms", 2)
 
 
 class EstimateRows:
@@ -25,7 +28,9 @@ class EstimateRows:
         """Write the header."""
         self._stream, self._estimated, self._study = stream, estimated, study
         self._writer = csv.writer(stream)
-        self._writer.writerow(["time_s", "contacts", *study.columns, "residual", "latency_ms", "status"])
+        self._writer.writerow(
+            ["time_s", *(column.name for column in study.readout.columns), "latency_ms", "status"]
+        )
 
     def write(self, frame: int) -> None:
         """Write a frame that has been found and that the study has seen."""
@@ -33,11 +38,14 @@ class EstimateRows:
         statuses = [str(status) for status in now.statuses if not (malformed and status is Status.ok)]
         self._writer.writerow(
             [
-                number(now.time_s, 4),
-                now.contacts,
-                *self._study.row(frame),
-                number(self._study.residual(now), 3),
-                number(1e3 * now.latency_s, 2),
+                _TIME.written(now.time_s),
+                *(
+                    column.written(value)
+                    for column, value in zip(
+                        self._study.readout.columns, self._study.values(frame), strict=True
+                    )
+                ),
+                _LATENCY.written(1e3 * now.latency_s),
                 "; ".join([*(["malformed row"] if malformed else []), *statuses]),
             ]
         )

@@ -11,6 +11,7 @@ from typing import Any
 
 from jaxtyping import Array
 
+from softfuse.cli.readout import AbstractReadout, Value
 from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
 from softfuse.equilibrium.solution import State
@@ -81,20 +82,16 @@ class AbstractStudy(ABC):
 
     @property
     @abstractmethod
-    def columns(self) -> list[str]:
-        """Names of its columns in estimates.csv, between `contacts` and `residual`."""
+    def readout(self) -> AbstractReadout:
+        """What the columns of estimates.csv are."""
 
     @abstractmethod
     def see(self, now: Tracked, state: State) -> None:
         """Look at the next frame and the state that it leaves the device in."""
 
     @abstractmethod
-    def row(self, frame: int) -> list[str]:
-        """The fields of its columns for a frame that it has seen."""
-
-    @abstractmethod
-    def residual(self, now: Tracked) -> float:
-        """Root mean square misfit of a frame in the unit that people read; NaN without an estimate."""
+    def values(self, frame: int) -> list[Value]:
+        """The values of the readout's columns for a frame that it has seen."""
 
     @property
     @abstractmethod
@@ -113,11 +110,6 @@ class AbstractStudy(ABC):
     @abstractmethod
     def sections(self) -> list[tuple[str, str]]:
         """Headings and HTML of its sections in the report."""
-
-
-def number(value: float, digits: int) -> str:
-    """A number as the field of a table; nothing where it is not known."""
-    return f"{value:.{digits}f}" if math.isfinite(value) else ""
 
 
 def known(value: float) -> float | None:
