@@ -149,23 +149,36 @@ class Tracker:
     def update(self, frame: Frame) -> Tracked:
         """Advance by one frame; never raises for what its readings are, only for their number."""
         started = time.perf_counter()
+        found = self.estimate(frame.time_s, self.sense(frame))
+        return replace(found, latency_s=time.perf_counter() - started)
+
+    def sense(self, frame: Frame) -> Sensed:
+        """Advance the senses by one frame, without estimating: what it says, as numpy arrays.
+
+        Senses integrate, average and debounce, so that they want every frame, also where forces and shape
+        are estimated from fewer.
+        """
         readings = tuple(jnp.asarray(group, float) for group in frame.readings)
         now = jnp.asarray(frame.time_s, float)
         self._memory, sensed = self._sense(self._arrays, self._memory, now, readings)
-        sensed = jax.tree.map(np.asarray, sensed)
+        return jax.tree.map(np.asarray, sensed)
+
+    def estimate(self, time_s: float, sensed: Sensed) -> Tracked:
+        """Forces and shape from what the senses said last, at `time_s` [s]."""
+        started = time.perf_counter()
         said = [status for status, true in sensed.flags.items() if true]
         attached = len(self._upper) - self._split
         drive, misfit = np.zeros(len(self._upper)), np.full(sensed.reading.shape, np.nan)
         if not sensed.touching.any():
             said.insert(0, Status.no_contact)
         if sensed.pressing.any() or attached:
-            drive, misfit, doubts = self._estimate(sensed, frame.time_s)
+            drive, misfit, doubts = self._estimate(sensed, time_s)
             said += doubts
         elif not sensed.touching.any():
             self.estimator.reset()
         force = drive[: self._split].reshape(len(sensed.touching), -1).sum(axis=1)
         return Tracked(
-            frame.time_s,
+            time_s,
             np.asarray(sensed.touching),
             np.asarray(sensed.location_m),
             np.where(sensed.touching & ~sensed.pressing, np.nan, force),
