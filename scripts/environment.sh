@@ -32,3 +32,16 @@ prepare_environment() {
         cp pyproject.toml "$installed"
     fi
 }
+
+# A test looks at the live view in a browser, driven by chromedriver.
+prepare_browser() {
+    if command -v chromium >/dev/null && command -v chromedriver >/dev/null; then
+        return
+    fi
+    if command -v apt-get >/dev/null && [ "$(id -u)" = 0 ]; then
+        echo "Installing chromium and chromedriver"
+        { apt-get update -qq && apt-get install -y -qq chromium chromium-driver; } >/dev/null </dev/null && return
+    fi
+    echo "error: the tests need chromium and chromedriver; on Debian: sudo apt install chromium chromium-driver" >&2
+    return 1
+}

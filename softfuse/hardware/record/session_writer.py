@@ -84,6 +84,7 @@ class SessionWriter:
             raise RecordingError(f"cannot write {self.path}: {error.strerror or error}") from error
         self._stream = BufferedWriter(self._raw, _BUFFER_BYTES)
         self._whole = 0
+        self._added = self._handed_over = 0
         try:
             self._begin()
         except OSError as error:
@@ -99,6 +100,11 @@ class SessionWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    @property
+    def pending(self) -> int:
+        """Entries added and not yet handed over; after a failure of the disk those that are lost."""
+        return self._added - self._handed_over
 
     def chunk(self, chunk: Chunk) -> None:
         """Add bytes of a source; ValueError for a source that the session has not."""
@@ -173,6 +179,7 @@ class SessionWriter:
         self._latest_ns = max(self._latest_ns, at_ns)
 
         def add() -> None:
+            self._added += 1
             self._mcap.add_message(channel, log_time=at_ns, publish_time=at_ns, data=data)
             if time.monotonic() >= self._due:
                 self._hand_over()
@@ -182,6 +189,7 @@ class SessionWriter:
     def _hand_over(self) -> None:
         self._mcap.flush()
         self._whole = self._stream.tell()
+        self._handed_over = self._added
         self._due = time.monotonic() + FLUSH_EVERY_S
 
     def _finish(self) -> None:

@@ -1,0 +1,114 @@
+"""A recorded session through the same path again: the same bytes, the same frames, the same numbers.
+
+What was estimated live depends on how fast the machine was: frames between two estimates were only sensed.
+A replay therefore estimates at the frames at which the recording holds an estimate, at all frames where it
+holds none, and then every number is the same to the last bit, at whatever speed.
+"""
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from softfuse.hardware.live.assembler import Assembled
+from softfuse.hardware.live.follower import Fields, Follower
+from softfuse.hardware.live.pipeline import Pipeline
+from softfuse.hardware.live.session import Published
+from softfuse.hardware.record.session_reader import Session as RecordedSession
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How the estimates of a replay compare with the recorded ones.
+
+    `recorded`: in the file; `identical`: those whose every number came again to the last bit; `first`: the
+    frame of the first one that did not, None without any.
+    """
+
+    recorded: int
+    identical: int
+    first: int | None
+
+
+class Replay:
+    """Replays one session; made for one run."""
+
+    def __init__(
+        self,
+        recorded: RecordedSession,
+        pipeline: Pipeline,
+        follower: Follower,
+    ):
+        """`pipeline`: like that of the recording, with new drivers, or with none where the session has no
+        bytes but all its channels; `follower`: one that has seen nothing.
+        """
+        self._recorded, self._pipeline, self._follower = recorded, pipeline, follower
+        self._wanted = {entry.frame: entry for entry in recorded.estimates()}
+        self._identical = 0
+        self._first: int | None = None
+
+    @property
+    def comparison(self) -> Comparison:
+        """How what has been replayed so far compares."""
+        return Comparison(len(self._wanted), self._identical, self._first)
+
+    def run(self, speed: float = math.inf) -> Iterator[Published]:
+        """The estimates, in order; `speed` [-]: of the recorded time, infinity for as fast as possible."""
+        start_s, pace = None, _Pace(speed)
+        for number, frame in enumerate(self._frames()):
+            start_s = frame.time_s if start_s is None else start_s
+            pace.wait(frame.arrived_s)
+            self._follower.sense(frame, start_s)
+            if number in self._wanted or not self._wanted:
+                yield self._estimate(number, frame)
+
+    def _estimate(self, number: int, frame: Assembled) -> Published:
+        tracked, fields = self._follower.estimate()
+        recorded = self._wanted.get(number)
+        if recorded is not None:
+            statuses = tuple(str(status) for status in tracked.statuses)
+            if _known(fields) == _known(recorded.fields) and statuses == recorded.status:
+                self._identical += 1
+            elif self._first is None:
+                self._first = number
+        channels = dict(zip(self._pipeline.wanted, frame.values.tolist(), strict=True))
+        return Published(number, frame.time_s, channels, tracked, fields, tracked.latency_s)
+
+    def _frames(self) -> Iterator[Assembled]:
+        """Frames out of the recorded bytes, or as they are where a session has none, as converted ones do."""
+        info = self._recorded.info
+        if not info.sources:
+            take = [info.channels.index(name) for name in self._pipeline.wanted]
+            for entry in self._recorded.frames():
+                yield Assembled(entry.time_s, entry.values[take], entry.time_s)
+            return
+        for chunk in self._recorded.chunks():
+            frames, _ = self._pipeline.feed(chunk)
+            yield from frames
+
+
+def _known(fields: Fields) -> dict[str, float | str]:
+    return {
+        name: value
+        for name, value in fields.items()
+        if value not in (None, "") and not (isinstance(value, float) and not math.isfinite(value))
+    }
+
+
+class _Pace:
+    """Holds a replay back to a part or a multiple of the speed of the recording."""
+
+    def __init__(self, speed: float):
+        self._speed = speed
+        self._began: tuple[float, float] | None = None
+
+    def wait(self, recorded_s: float) -> None:
+        """Return when it is the recorded time's turn."""
+        if math.isinf(self._speed):
+            return
+        now = time.monotonic()
+        if self._began is None:
+            self._began = now, recorded_s
+        due = self._began[0] + (recorded_s - self._began[1]) / self._speed
+        if due > now:
+            time.sleep(due - now)

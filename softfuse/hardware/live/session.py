@@ -1,0 +1,212 @@
+"""The live loop: sources, recorder and estimator, each on a thread of its own, none waiting for another.
+
+    connections --chunks--> assembling thread --frames--> estimating thread --> publishers
+                                   \\--chunks, frames, notices-->  recorder  <--estimates--/
+
+The assembling thread does what takes microseconds; the estimating thread takes all frames that have come
+since its last estimate, senses each and estimates the newest. Only there, in a bounded queue, frames are ever
+dropped, oldest first and counted. Publishers are called from the estimating thread and must return at once.
+"""
+
+import queue
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from softfuse.estimation.tracker import Tracked
+from softfuse.hardware.live.assembler import Assembled
+from softfuse.hardware.live.follower import Fields, Follower
+from softfuse.hardware.live.frame_queue import FrameQueue
+from softfuse.hardware.live.latency import Latencies
+from softfuse.hardware.live.pipeline import DeviceReport, Pipeline
+from softfuse.hardware.live.recorder import Recorder
+from softfuse.hardware.record.entries import EstimateEntry, FrameEntry
+from softfuse.hardware.stream import Chunk, HostClock, Notice
+
+INBOX_LENGTH = 4096
+"""Chunks that may wait to be assembled."""
+
+
+@dataclass(frozen=True, eq=False)
+class Published:
+    """An estimate for publishers.
+
+    `number`: of the frame; `host_s`: its time in seconds since the epoch; `channels`: what was read, in the
+    units of the names; `fields`: what people read of the estimate; `end_to_end_s`: from the last byte.
+    """
+
+    number: int
+    host_s: float
+    channels: Mapping[str, float]
+    tracked: Tracked
+    fields: Fields
+    end_to_end_s: float
+
+
+@dataclass(frozen=True)
+class SessionReport:
+    """What a session has done so far.
+
+    `frames`: assembled; `sensed`, `estimated`: of these; `overruns`: frames that the estimator never saw;
+    `recorder_lost`: entries that are in no file; latencies [s] from the last byte to the estimate.
+    """
+
+    frames: int
+    sensed: int
+    estimated: int
+    overruns: int
+    waiting: int
+    recorder_lost: int
+    latency_p50_s: float
+    latency_p99_s: float
+    latency_max_s: float
+    devices: tuple[DeviceReport, ...]
+    missing: tuple[str, ...]
+
+
+class Session:
+    """Runs until it is stopped; made before its connections are opened."""
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        follower: Follower,
+        clock: HostClock,
+        *,
+        queue_length: int = 100,
+        send: Callable[[int, bytes], None] = lambda source, data: None,
+        publish: Sequence[Callable[[Published], None]] = (),
+        notify: Sequence[Callable[[Notice], None]] = (),
+    ):
+        """`queue_length`: frames that may wait for the estimator;
+        `send`: sends bytes to a source, soon;
+        `publish`, `notify`: called with estimates and with what people should know.
+        """
+        self._pipeline, self._follower, self._clock = pipeline, follower, clock
+        self._publish, self._notify, self._send = tuple(publish), tuple(notify), send
+        self._inbox: queue.Queue[Chunk | None] = queue.Queue(INBOX_LENGTH)
+        self._frames = FrameQueue(queue_length)
+        self._latencies = Latencies()
+        self._start_s: float | None = None
+        self._assembled = self._sensed = self._estimated = 0
+        self._recorder: Recorder | None = None
+        self._failure: BaseException | None = None
+        self._threads = [
+            threading.Thread(target=self._guarded, args=(run,), name=f"softfuse {name}", daemon=True)
+            for name, run in (("assembler", self._assemble), ("estimator", self._estimate))
+        ]
+
+    def start(self, recorder: Recorder | None = None) -> None:
+        """Start to take chunks and, with a recorder, to record."""
+        self._recorder = recorder
+        for thread in self._threads:
+            thread.start()
+
+    def receive(self, chunk: Chunk) -> None:
+        """Take what a source has read; from any thread. While thousands wait it holds the reader back, and
+        the operating system's own buffer fills.
+        """
+        self._inbox.put(chunk)
+
+    def tell(self, notice: Notice) -> None:
+        """Record and show what people should know; from any thread."""
+        if self._recorder is not None:
+            self._recorder.put(notice)
+        self.show(notice)
+
+    def show(self, notice: Notice) -> None:
+        """Show what people should know, without recording it; from any thread."""
+        for notify in self._notify:
+            notify(notice)
+
+    def stop(self) -> None:
+        """Work off what has been received, then end; raises what a thread failed with."""
+        if self._threads[0].ident is None:
+            return  # never started
+        self._inbox.put(None)
+        for thread in self._threads:
+            thread.join()
+        if self._recorder is not None:
+            self._recorder.close()
+        if self._failure is not None:
+            raise self._failure
+
+    @property
+    def failed(self) -> bool:
+        """Whether a thread has ended by a fault of softfuse, which `stop` raises."""
+        return self._failure is not None
+
+    @property
+    def report(self) -> SessionReport:
+        """What has been done so far."""
+        return SessionReport(
+            self._assembled,
+            self._sensed,
+            self._estimated,
+            self._frames.dropped,
+            self._frames.waiting,
+            0 if self._recorder is None else self._recorder.lost,
+            self._latencies.quantile_s(0.5),
+            self._latencies.quantile_s(0.99),
+            self._latencies.largest_s,
+            tuple(self._pipeline.devices),
+            tuple(self._pipeline.missing),
+        )
+
+    def _guarded(self, run: Callable[[], None]) -> None:
+        try:
+            run()
+        except BaseException as failure:
+            self._failure = failure
+            self._frames.close()
+
+    def _assemble(self) -> None:
+        while (chunk := self._inbox.get()) is not None:
+            self._record(chunk)
+            frames, notices = self._pipeline.feed(chunk)
+            if request := self._pipeline.take_requests(chunk.source):
+                self._send(chunk.source, request)
+            for frame in frames:
+                if self._start_s is None:
+                    self._start_s = frame.time_s
+                self._record(FrameEntry(self._assembled, frame.time_s, frame.values))
+                self._frames.put(self._assembled, frame)
+                self._assembled += 1
+            for notice in notices:
+                self.tell(notice)
+        self._frames.close()
+
+    def _estimate(self) -> None:
+        while batch := self._frames.take():
+            self._estimate_batch(batch)
+
+    def _estimate_batch(self, batch: list[tuple[int, Assembled]]) -> None:
+        assert self._start_s is not None  # set with the first frame
+        for _, frame in batch:
+            self._follower.sense(frame, self._start_s)
+        number, frame = batch[-1]
+        tracked, fields = self._follower.estimate()
+        now = self._clock.now_s()
+        elapsed = now - frame.arrived_s
+        self._sensed += len(batch)
+        self._estimated += 1
+        self._latencies.add(elapsed)
+        self._record(
+            EstimateEntry(
+                number,
+                frame.time_s,
+                now,
+                fields,
+                tuple(str(status) for status in tracked.statuses),
+                1e3 * tracked.latency_s,
+                1e3 * elapsed,
+            )
+        )
+        channels = dict(zip(self._pipeline.wanted, frame.values.tolist(), strict=True))
+        published = Published(number, frame.time_s, channels, tracked, fields, elapsed)
+        for publish in self._publish:
+            publish(published)
+
+    def _record(self, entry: Chunk | FrameEntry | EstimateEntry) -> None:
+        if self._recorder is not None:
+            self._recorder.put(entry)
