@@ -16,6 +16,8 @@ from softfuse.cli.computing import prepare_jax
 from softfuse.cli.convert import convert
 from softfuse.cli.estimate import estimate
 from softfuse.cli.mesh import mesh
+from softfuse.cli.replay import replay
+from softfuse.cli.run import run
 from softfuse.cli.simulate import simulate
 from softfuse.cli.terminal import escape_log, printable, stderr, stdout
 from softfuse.errors import SoftfuseError
@@ -29,6 +31,8 @@ app.command()(mesh)
 app.command()(simulate)
 app.command()(estimate)
 app.command()(calibrate)
+app.command()(run)
+app.command()(replay)
 app.command()(convert)
 
 

@@ -49,7 +49,7 @@ def busy(description: str, *, quiet: bool) -> Iterator[None]:
         yield
 
 
-def tracked(items: Iterable[T], description: str, *, total: int, quiet: bool) -> Iterator[T]:
+def tracked(items: Iterable[T], description: str, *, total: int | None, quiet: bool) -> Iterator[T]:
     """The items one by one, with a bar that shows how many of the total are done and the time left."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=stderr, transient=True, disable=_hidden(quiet)) as progress:

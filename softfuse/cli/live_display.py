@@ -1,0 +1,98 @@
+"""What the terminal shows while a session runs: the estimate, the rates, and whatever was lost where."""
+
+import threading
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from softfuse.cli.terminal import printable
+from softfuse.hardware.live.session import Published, Session, SessionReport
+from softfuse.hardware.stream import HostClock, Notice
+
+_NOTICES = 6
+_COLOURS = {"info": "cyan", "warning": "yellow", "error": "red"}
+
+
+class LiveDisplay:
+    """Keeps the newest estimate and the last notices, and draws them when asked."""
+
+    def __init__(self, clock: HostClock):
+        """Nothing has come yet."""
+        self._clock, self._began_s = clock, clock.now_s()
+        self._lock = threading.Lock()
+        self._newest: Published | None = None
+        self._notices: list[Notice] = []
+        self._counted = (self._began_s, 0, 0)
+        self._rates = (0.0, 0.0)
+
+    def publish(self, now: Published) -> None:
+        """Take an estimate; from any thread."""
+        with self._lock:
+            self._newest = now
+
+    def notify(self, notice: Notice) -> None:
+        """Take a notice; from any thread."""
+        with self._lock:
+            self._notices = [*self._notices, notice][-_NOTICES:]
+
+    def drawn(self, session: Session) -> Group:
+        """The picture for the terminal."""
+        report = session.report
+        with self._lock:
+            newest, notices = self._newest, list(self._notices)
+        return Group(self._estimate(newest), self._health(report), *(self._line(n) for n in notices))
+
+    def _estimate(self, newest: Published | None) -> Table:
+        table = Table.grid(padding=(0, 2))
+        if newest is None:
+            table.add_row("waiting for the first frame")
+            return table
+        table.add_row("status", "; ".join(str(status) for status in newest.tracked.statuses))
+        table.add_row("force", f"{newest.tracked.force_N:.2f} N in {newest.tracked.contacts} contacts")
+        for c, touching in enumerate(newest.tracked.touching):
+            if touching:
+                x, y, z = 1e3 * newest.tracked.location_m[c]
+                force = newest.tracked.contact_force_N[c]
+                table.add_row(f"contact {c}", f"{force:.2f} N at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
+        return table
+
+    def _health(self, report: SessionReport) -> Table:
+        now = self._clock.now_s()
+        since, frames, estimates = self._counted
+        if now - since >= 1.0:
+            self._rates = (
+                (report.frames - frames) / (now - since),
+                (report.estimated - estimates) / (now - since),
+            )
+            self._counted = now, report.frames, report.estimated
+        table = Table.grid(padding=(0, 2))
+        table.add_row("frames", f"{report.frames}, {self._rates[0]:.0f} a second")
+        table.add_row("estimates", f"{report.estimated}, {self._rates[1]:.0f} a second")
+        table.add_row("latency", latency(report))
+        table.add_row("overruns", f"{report.overruns}, {report.waiting} waiting")
+        for device in report.devices:
+            lost, clock = device.samples, device.clock
+            table.add_row(
+                f"device {device.device} of source {device.source}",
+                f"{lost.fresh} samples, {lost.lost} lost, {lost.duplicated} twice, {lost.late} late, "
+                f"{lost.restarted} restarts, clock {clock.drift_ppm:+.0f} ppm, "
+                f"jitter {1e3 * clock.jitter_s:.1f} ms",
+            )
+        if report.recorder_lost:
+            table.add_row("not recorded", f"{report.recorder_lost} entries", style="red")
+        if report.missing:
+            table.add_row("missing", printable(", ".join(report.missing)), style="yellow")
+        return table
+
+    @staticmethod
+    def _line(notice: Notice) -> Text:
+        where = "" if notice.source is None else f"source {notice.source}: "
+        return Text(printable(where + notice.text), style=_COLOURS[notice.level])
+
+
+def latency(report: SessionReport) -> str:
+    """From the last byte to the estimate, in words."""
+    quantiles = report.latency_p50_s, report.latency_p99_s, report.latency_max_s
+    half, most, largest = (f"{1e3 * q:.1f}" for q in quantiles)
+    return f"{half} ms (50 %), {most} ms (99 %), {largest} ms at most, from the last byte"
