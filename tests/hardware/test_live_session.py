@@ -1,0 +1,118 @@
+"""The live loop's threads: nothing waits for a slow estimator, and what it never saw is counted.
+
+What is estimated is tested with real bodies elsewhere; here an estimator takes as long as it is told.
+"""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softfuse.estimation.tracker import Tracked
+from softfuse.hardware.live.assembler import Assembled
+from softfuse.hardware.live.pipeline import Pipeline
+from softfuse.hardware.live.recorder import Recorder
+from softfuse.hardware.live.session import Published, Session
+from softfuse.hardware.record.entries import SessionInfo, SourceInfo
+from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
+from softfuse.hardware.stream import Chunk, HostClock
+from softfuse.hardware.wire.channel import Channel, RawType
+from softfuse.hardware.wire.description import Description
+from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
+from softfuse.hardware.wire.packet import pack
+from softfuse.sensing.status import Status
+
+DESCRIPTION = Description("board", (Channel("a", RawType.F64, 1.0, 0.0),))
+LAYOUT = Layout(DESCRIPTION)
+
+
+class Follower:
+    """Takes `seconds` for an estimate and keeps what it saw; fails at the frame `fails_at`."""
+
+    def __init__(self, seconds: float, fails_at: float = np.inf):
+        self.seconds, self.fails_at = seconds, fails_at
+        self.sensed: list[float] = []
+        self.estimated: list[float] = []
+
+    def sense(self, frame: Assembled, start_s: float) -> None:
+        if frame.values[0] >= self.fails_at:
+            raise ZeroDivisionError("a fault of ours")
+        self.sensed.append(float(frame.values[0]))
+
+    def estimate(self) -> tuple[Tracked, dict[str, float]]:
+        time.sleep(self.seconds)
+        self.estimated.append(self.sensed[-1])
+        nothing = np.zeros(0)
+        tracked = Tracked(
+            0.0, nothing > 0, nothing.reshape(0, 3), *[nothing] * 5, None, (Status.ok,), self.seconds
+        )
+        return tracked, {"seen": self.sensed[-1]}
+
+
+def chunks(count: int) -> list[Chunk]:
+    now = HostClock().now_s()
+    data = [pack(encode(DescriptionMessage(Header(0, 0, 0), DESCRIPTION)))]
+    for k in range(count):
+        content = LAYOUT.content(np.array([float(k)]))
+        data.append(pack(encode(SampleMessage(Header(0, k, 1000 * k), LAYOUT.number, content))))
+    return [Chunk(0, now + 1e-6 * k, each) for k, each in enumerate(data)]
+
+
+def session_of(follower: Follower, published: list[Published], length: int = 100) -> Session:
+    pipeline = Pipeline(("a",), [SoftfuseFrames()])
+    return Session(pipeline, follower, HostClock(), queue_length=length, publish=[published.append])
+
+
+def test_every_frame_is_sensed_and_the_newest_estimated() -> None:
+    follower, published = Follower(0.01), list[Published]()
+    session = session_of(follower, published, length=10_000)
+    session.start()
+    for chunk in chunks(500):
+        session.receive(chunk)
+    session.stop()
+    report = session.report
+    assert follower.sensed == list(range(500)) and follower.estimated[-1] == 499
+    assert report.frames == report.sensed == 500 and report.overruns == 0
+    assert report.estimated == len(published) == len(follower.estimated) < 500
+    assert [p.fields["seen"] for p in published] == follower.estimated
+    assert [p.number for p in published] == follower.estimated
+
+
+def test_what_a_slow_estimator_never_saw_is_counted_and_recorded(tmp_path: Path) -> None:
+    follower, published = Follower(0.2), list[Published]()
+    session = session_of(follower, published, length=20)
+    info = SessionInfo(channels=("a",), estimates={"seen": "number"}, sources=(SourceInfo("x", "softfuse"),))
+    session.start(Recorder(tmp_path / "s.mcap", info, HostClock(), session.show))
+    began = time.monotonic()
+    for chunk in chunks(2000):
+        session.receive(chunk)
+    assert time.monotonic() - began < 5.0, "who reads the port waited for the estimator"
+    session.stop()
+    report = session.report
+    assert report.frames == 2000 and report.overruns > 1000
+    assert report.sensed + report.overruns == 2000 and follower.sensed[-1] == 1999
+    assert follower.sensed == sorted(set(follower.sensed))
+    recorded = read_session(tmp_path / "s.mcap")
+    assert [f.values[0] for f in recorded.frames()] == list(range(2000)), "the recorder gets all"
+    assert [e.frame for e in recorded.estimates()] == follower.estimated
+    assert report.latency_p50_s >= 0.2
+
+
+def test_a_fault_ends_the_session_and_is_raised() -> None:
+    session = session_of(Follower(0.0, fails_at=50), [])
+    session.start()
+    for chunk in chunks(100):
+        session.receive(chunk)
+    deadline = time.monotonic() + 20.0
+    while not session.failed and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert session.failed
+    with pytest.raises(ZeroDivisionError, match="a fault of ours"):
+        session.stop()
+
+
+def test_stopping_what_never_started_is_nothing() -> None:
+    session_of(Follower(0.0), []).stop()
