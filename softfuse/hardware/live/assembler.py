@@ -84,7 +84,8 @@ class Assembler:
     @property
     def missing(self) -> list[str]:
         """Wanted channels that no device has given yet."""
-        given = {int(k) for feed in self._feeds.values() for k in feed.put}
+        # A copy: another thread may ask while a device describes itself.
+        given = {int(k) for feed in list(self._feeds.values()) for k in feed.put}
         return [name for name, k in self._index.items() if k not in given]
 
     def describe(self, device: int, names: Sequence[str]) -> list[str]:

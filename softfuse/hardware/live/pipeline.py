@@ -54,7 +54,8 @@ class Pipeline:
         """What has come from each device."""
         return [
             DeviceReport(source, device, seen.watch.counts, seen.clock.report)
-            for (source, device), seen in self._devices.items()
+            # A copy: another thread may ask while a device is heard of for the first time.
+            for (source, device), seen in list(self._devices.items())
         ]
 
     def counts(self, source: int) -> Mapping[str, int]:

@@ -11,6 +11,7 @@ dropped, oldest first and counted. Publishers are called from the estimating thr
 import queue
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 from softfuse.estimation.tracker import Tracked
@@ -106,7 +107,7 @@ class Session:
         """Take what a source has read; from any thread. While thousands wait it holds the reader back, and
         the operating system's own buffer fills.
         """
-        self._inbox.put(chunk)
+        self._enter(chunk)
 
     def tell(self, notice: Notice) -> None:
         """Record and show what people should know; from any thread."""
@@ -123,7 +124,7 @@ class Session:
         """Work off what has been received, then end; raises what a thread failed with."""
         if self._threads[0].ident is None:
             return  # never started
-        self._inbox.put(None)
+        self._enter(None)
         for thread in self._threads:
             thread.join()
         if self._recorder is not None:
@@ -153,15 +154,27 @@ class Session:
             tuple(self._pipeline.missing),
         )
 
+    def _enter(self, chunk: Chunk | None) -> None:
+        """Put a chunk, or the end, into the inbox; nothing once a thread has failed, which nobody empties."""
+        while self._failure is None:
+            try:
+                self._inbox.put(chunk, timeout=0.2)
+            except queue.Full:
+                continue
+            return
+
     def _guarded(self, run: Callable[[], None]) -> None:
         try:
             run()
         except BaseException as failure:
             self._failure = failure
+            # The other thread ends too, whatever it waits for.
             self._frames.close()
+            with suppress(queue.Full):
+                self._inbox.put_nowait(None)
 
     def _assemble(self) -> None:
-        while (chunk := self._inbox.get()) is not None:
+        while self._failure is None and (chunk := self._inbox.get()) is not None:
             self._record(chunk)
             frames, notices = self._pipeline.feed(chunk)
             if request := self._pipeline.take_requests(chunk.source):
