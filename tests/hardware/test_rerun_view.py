@@ -134,6 +134,15 @@ def test_the_file_is_written(served: tuple[RerunView, Path, int, int]) -> None:
     assert path.read_bytes()[:4] == b"RRF2" and path.stat().st_size > 10_000
 
 
+def test_closing_it_ends_the_server(scene: Scene) -> None:
+    page = free_port()
+    view = RerunView(scene, page_port=page, stream_port=free_port())
+    socket.create_connection(("127.0.0.1", page), timeout=5.0).close()
+    view.close()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", page), timeout=5.0)
+
+
 def test_a_port_in_use_is_told(scene: Scene) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

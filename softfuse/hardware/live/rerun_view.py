@@ -5,6 +5,8 @@ slow viewer, or none at all, never holds anything up: it only sees fewer picture
 process of Rerun's own that listens on the loopback interface alone, unless another address is given.
 """
 
+import os
+import signal
 import subprocess
 import sys
 import threading
@@ -131,8 +133,7 @@ class RerunView:
             self._stream.flush(timeout_sec=5.0)
             self._stream.disconnect()
         if self._server is not None:
-            self._server.terminate()
-            self._server.wait(5.0)
+            _end(self._server)
 
     def _run(self) -> None:
         while True:
@@ -231,15 +232,28 @@ def _serve(bind: str, page_port: int, stream_port: int) -> tuple[Server, "subpro
         raise HardwareError(f"{busy}: another program does, such as another live view; choose other ports")
     command = [sys.executable, "-m", "rerun", "--serve-web", "--bind", bind, "--port", str(stream_port)]
     command += ["--web-viewer-port", str(page_port), "--server-memory-limit", MEMORY]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
     stream = f"rerun+http://{shown}:{stream_port}/proxy"
     deadline = time.monotonic() + _STARTS_WITHIN_S
     while not (_listens(shown, page_port) and _listens(shown, stream_port)):
         if process.poll() is not None or time.monotonic() > deadline:
-            process.kill()
+            _end(process)
             raise HardwareError(f"{busy}: is the address one of this computer's?")
         time.sleep(0.05)
     return Server(f"http://{shown}:{page_port}/?url={stream.replace('+', '%2B')}", stream), process
+
+
+def _end(server: "subprocess.Popen[bytes]") -> None:
+    """End the server and the program that it has started, which is another process."""
+    try:
+        os.killpg(server.pid, signal.SIGTERM)
+    except ProcessLookupError:
+        pass  # it has ended by itself
+    except AttributeError:  # on Windows there are no groups of processes
+        server.terminate()
+    server.wait(10.0)
 
 
 def _listens(address: str, port: int) -> bool:
