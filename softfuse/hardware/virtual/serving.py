@@ -1,0 +1,303 @@
+"""Serves virtual boards on ports: in real time, or as fast as somebody reads; and takes the ports away for a
+while.
+
+In real time a sample is sent when it is due by the monotonic clock, counted from the start, so that the mean
+rate does not drift; what nobody listens to is dropped. As fast as it is read, nothing is dropped, boards go
+on in step, and they wait where nobody listens.
+"""
+
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from softfuse.errors import HardwareError
+from softfuse.hardware.virtual.board import BoardCounts, VirtualBoard
+from softfuse.hardware.virtual.line_faults import FaultyLine
+from softfuse.hardware.virtual.outlet import AbstractOutlet
+
+_PATIENCE_S = 0.02
+"""How long it waits at most before it looks whether a host has asked something, or it is to end [s]."""
+
+_AT_ONCE = 8
+"""Samples of a board before the next board's turn, as fast as they are read."""
+
+
+@dataclass(frozen=True)
+class Outages:
+    """Ports go away for `for_s` at the end of every `every_s`, counted from the start.
+
+    A line that is unplugged leaves the board running; one that also `powers` it starts the board anew.
+    """
+
+    for_s: float
+    every_s: float
+    powers: bool = False
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.for_s < self.every_s:
+            raise HardwareError(
+                f"away for {self.for_s:g} s every {self.every_s:g} s: the first must be positive and less"
+            )
+
+    def out(self, elapsed_s: float) -> bool:
+        """Whether the ports are away at a time [s] since the start."""
+        return elapsed_s % self.every_s >= self.every_s - self.for_s
+
+
+@dataclass(frozen=True)
+class PortReport:
+    """What has gone through a port so far.
+
+    sent: packets that somebody's port took; unheard: packets that nobody took; dropped_bytes, flipped_bits:
+    by the faults of the line; outages: how often it went away.
+    """
+
+    board: BoardCounts
+    sent: int
+    unheard: int
+    dropped_bytes: int
+    flipped_bits: int
+    outages: int
+
+
+@dataclass(slots=True, eq=False)
+class _Waiting:
+    """A packet, the outlets that have not taken it yet, and whether one has."""
+
+    packet: bytes
+    left: list[AbstractOutlet]
+    taken: bool = False
+
+
+class VirtualPort:
+    """A board on a line that ends in one or more outlets."""
+
+    def __init__(self, board: VirtualBoard, line: FaultyLine, outlets: Sequence[AbstractOutlet]) -> None:
+        self.board = board
+        self._line = line
+        self._outlets = tuple(outlets)
+        self._plugged = False
+        self._waiting: deque[_Waiting] = deque()
+        self._sent = self._unheard = self._outages = 0
+
+    @property
+    def urls(self) -> list[str]:
+        """How a host opens it."""
+        return [outlet.url for outlet in self._outlets]
+
+    @property
+    def plugged(self) -> bool:
+        """Whether it is there."""
+        return self._plugged
+
+    @property
+    def listened(self) -> bool:
+        """Whether somebody listens."""
+        # Each is asked, since that is how it takes a connection.
+        there = [outlet.listened for outlet in self._outlets]
+        return any(there)
+
+    @property
+    def report(self) -> PortReport:
+        """What has gone through it so far."""
+        return PortReport(
+            self.board.counts,
+            self._sent,
+            self._unheard,
+            self._line.dropped,
+            self._line.flipped,
+            self._outages,
+        )
+
+    def plug(self) -> None:
+        """Make it appear. Raises HardwareError when that is impossible, and nothing stays open then."""
+        try:
+            for outlet in self._outlets:
+                outlet.open()
+        except HardwareError:
+            self._close()
+            raise
+        self._plugged = True
+
+    def unplug(self) -> None:
+        """Make it go away, for a while."""
+        self._outages += 1
+        self._close()
+
+    def end(self) -> None:
+        """Make it go away for good."""
+        self._close()
+
+    def answers(self) -> list[bytes]:
+        """Packets that answer what hosts have asked."""
+        return [packet for outlet in self._outlets for packet in self.board.hear(outlet.hear())]
+
+    def send(self, packets: Sequence[bytes]) -> None:
+        """Send packets to whoever listens; where there is no room they are dropped."""
+        for packet in packets:
+            spoiled = self._line.carry(packet)
+            taken = [outlet.offer(spoiled) for outlet in self._outlets]
+            self._count(any(taken))
+
+    def line_up(self, packets: Sequence[bytes]) -> None:
+        """Keep packets until `drain` has sent them."""
+        self._waiting.extend(_Waiting(self._line.carry(packet), list(self._outlets)) for packet in packets)
+
+    def drain(self) -> bool:
+        """Send what waits as far as there is room, to everybody who listens; whether nothing is left."""
+        while self._waiting:
+            first = self._waiting[0]
+            behind = []
+            for outlet in first.left:
+                if outlet.offer(first.packet):
+                    first.taken = True
+                elif outlet.listened:
+                    behind.append(outlet)
+            first.left = behind
+            if behind:
+                return False
+            self._count(self._waiting.popleft().taken)
+        return True
+
+    def wait(self, seconds: float) -> None:
+        """Wait until there may be room again, for so long at most."""
+        if self._waiting and self._waiting[0].left:
+            self._waiting[0].left[0].wait(seconds)
+
+    def _count(self, taken: bool) -> None:
+        self._sent += taken
+        self._unheard += not taken
+
+    def _close(self) -> None:
+        self._plugged = False
+        for outlet in self._outlets:
+            outlet.close()
+        while self._waiting:
+            self._count(self._waiting.popleft().taken)
+
+
+class AbstractPace(ABC):
+    """When boards take their samples."""
+
+    @abstractmethod
+    def go_on(self, ports: Sequence[VirtualPort], elapsed_s: float, stop: threading.Event) -> None:
+        """Take, answer and send what there is at a time [s] since the start, and wait a little."""
+
+
+class RealTime(AbstractPace):
+    """As they are due."""
+
+    def go_on(self, ports, elapsed_s, stop):
+        """Sends what is due, then waits for the next sample, or for a moment."""
+        for port in ports:
+            port.send(port.answers())
+            port.send(port.board.take(port.board.due(elapsed_s)))
+        soonest = min(port.board.next_s for port in ports)
+        stop.wait(min(max(0.0, soonest - elapsed_s), _PATIENCE_S))
+
+
+class AsFastAsRead(AbstractPace):
+    """As fast as whoever listens takes them, all boards in step; where nobody does, they wait."""
+
+    def go_on(self, ports, elapsed_s, stop):
+        """Sends some samples of each board once all have sent theirs."""
+        del elapsed_s
+        for port in ports:
+            port.line_up(port.answers())
+        behind = [port for port in ports if not port.drain()]
+        if behind:
+            behind[0].wait(_PATIENCE_S)
+        elif not all(port.listened for port in ports):
+            stop.wait(_PATIENCE_S)
+        else:
+            for port in ports:
+                port.line_up(port.board.take(_AT_ONCE))
+
+
+class VirtualDevice:
+    """Boards on ports, served until stopped; in this thread by `run`, or in one of its own by `start`."""
+
+    def __init__(
+        self,
+        ports: Sequence[VirtualPort],
+        pace: AbstractPace,
+        *,
+        outages: Outages | None = None,
+        plugged: Callable[[Sequence[VirtualPort]], None] = lambda ports: None,
+    ) -> None:
+        """`plugged` is called each time when the ports have appeared, from the serving thread."""
+        self._ports, self._pace, self._outages, self._plugged = tuple(ports), pace, outages, plugged
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._guarded, name="softfuse virtual device", daemon=True)
+        self._opened = threading.Event()
+        self._failure: BaseException | None = None
+
+    @property
+    def reports(self) -> list[PortReport]:
+        """What has gone through each port so far."""
+        return [port.report for port in self._ports]
+
+    def run(self, for_s: float | None = None) -> None:
+        """Open the ports and serve for so long, or until `stop`; then close them.
+
+        Raises HardwareError when a port cannot be opened.
+        """
+        start = time.monotonic()
+        try:
+            self._plug(0.0, restart=True)
+            while not self._stop.is_set():
+                elapsed = time.monotonic() - start
+                if for_s is not None and elapsed >= for_s:
+                    break
+                self._mind_outages(elapsed)
+                self._pace.go_on(self._ports, elapsed, self._stop)
+        finally:
+            for port in self._ports:
+                port.end()
+
+    def start(self) -> None:
+        """Serve in a thread of its own; returns when the ports are open. Raises HardwareError when they
+        cannot be.
+        """
+        self._thread.start()
+        self._opened.wait()
+        if self._failure is not None:
+            raise self._failure
+
+    def stop(self) -> None:
+        """End serving, and wait for the thread where there is one; raises what that failed with."""
+        self._stop.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        if self._failure is not None:
+            raise self._failure
+
+    def _guarded(self) -> None:
+        try:
+            self.run()
+        except BaseException as failure:
+            self._failure = failure
+        finally:
+            self._opened.set()
+
+    def _mind_outages(self, elapsed_s: float) -> None:
+        if self._outages is None:
+            return
+        out = self._outages.out(elapsed_s)
+        if out and self._ports[0].plugged:
+            for port in self._ports:
+                port.unplug()
+        elif not out and not self._ports[0].plugged:
+            self._plug(elapsed_s, restart=self._outages.powers)
+
+    def _plug(self, elapsed_s: float, *, restart: bool) -> None:
+        for port in self._ports:
+            port.plug()
+            if restart:
+                # As fast as it is read, a board is ahead of the clock.
+                port.send(port.board.switch_on(max(elapsed_s, port.board.next_s)))
+        self._opened.set()
+        self._plugged(self._ports)
