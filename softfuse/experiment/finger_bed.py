@@ -120,15 +120,19 @@ def write_recording(path: str | Path, moved: Motion, read: Readings) -> None:
 
 def recording_columns(moved: Motion, read: Readings) -> dict[str, tuple[int, Float[np.ndarray, " n"]]]:
     """Name of each column to its decimals and values (n,), in the units that the name says."""
-    poses = moved.poses
     columns: dict[str, tuple[int, np.ndarray]] = {"time_s": (3, moved.time)}
     for k, volts in enumerate(read.pressure_V.T):
         columns[f"pressure{k}_V"] = (5, volts)
     for e, counts in enumerate(read.electrode.T):
         columns[f"electrode{e}"] = (0, counts)
     columns["cable0_mm"] = (3, 1e3 * read.cable)
-    columns["press"] = (0, moved.press)
-    columns["sample"] = (0, moved.sample)
+    return columns | truth_columns(moved)
+
+
+def truth_columns(moved: Motion) -> dict[str, tuple[int, Float[np.ndarray, " n"]]]:
+    """The same of the columns that no sensor writes."""
+    poses = moved.poses
+    columns: dict[str, tuple[int, np.ndarray]] = {"press": (0, moved.press), "sample": (0, moved.sample)}
     for j in range(poses.points.shape[1]):
         columns |= _place(f"true_p{j}", poses.points[:, j])
     for c in range(poses.force.shape[1]):

@@ -134,7 +134,10 @@ class FingerSolver:
             if solved is not None:
                 solved()
         state = under_cable[-1]
-        placed = [set_against(tip, _patch(finger, tip, state)) for tip in tips]
+        placed = [
+            set_against(tip, _patch(finger, tip, state).reshape(*finger.settings.patch_points, 3))
+            for tip in tips
+        ]
         tips = tuple(tip for tip, _ in placed)
         first = np.array([advance for _, advance in placed])
         waiting = -self._steps.clearance

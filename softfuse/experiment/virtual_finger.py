@@ -24,7 +24,8 @@ from softfuse.equilibrium.rigid_cylinder import RigidCylinder
 from softfuse.errors import ConfigError
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.material_points import MaterialPoints
-from softfuse.material.silicones import silicone
+from softfuse.material.silicones import silicone, silicone_of_stiffness
+from softfuse.material.yeoh import Yeoh
 from softfuse.mesh.finger import FingerGeometry, finger_mesh
 from softfuse.mesh.morph import reshaped_cavities
 from softfuse.mesh.surface import cavities
@@ -40,9 +41,6 @@ _INWARDS = {"palm": (0.0, 0.0, 1.0), "left": (0.0, -1.0, 0.0), "right": (0.0, 1.
 
 _ELECTRODE_STEPS = 3
 """Points along each edge of the square that stands for an electrode."""
-
-_PATCH_POINTS = (13, 3)
-"""Points along x and across of the patch that a tip can meet."""
 
 _NECKS_M = (0.03, 0.06, 0.09)
 
@@ -75,14 +73,16 @@ class FingerSettings:
 
     wall_size, base_size, growth: see `mesh.finger.finger_mesh`. guides (g, 3): first the one next to the
     pulling point pulled_at (3,); the cable ends in a ball of anchor_radius around the last one. dead_volume:
-    tube and port of each cavity. segment_x: middles of the segments' electrodes, squares of twice
+    tube and port of each cavity. shear_modulus [Pa]: of small strains, None for that of the silicone, whose
+    constants are otherwise scaled. segment_x: middles of the segments' electrodes, squares of twice
     electrode_half, and of the tips that push there: cylinders of tip_radius across the segment, twice
-    electrode_half long, that roll over at most patch_half to each side. points (p, 3): material points whose
-    places are truth.
+    electrode_half long, that roll over at most patch_half to each side and meet it at patch_points points
+    along x and across. points (p, 3): material points whose places are truth.
     """
 
     drawing: FingerGeometry = DRAWING
     silicone: str = "dragon skin 30"
+    shear_modulus: float | None = None
     poisson: float = 0.495
     wall_size: float = 6e-3
     base_size: float = 9e-3
@@ -97,6 +97,7 @@ class FingerSettings:
     electrode_half: float = 6e-3
     tip_radius: float = 5e-3
     patch_half: float = 9e-3
+    patch_points: tuple[int, int] = (13, 3)
     points: tuple[tuple[float, float, float], ...] = (
         (0.117, 0.0, 0.010),
         (0.105, 0.0, 0.010),
@@ -151,7 +152,7 @@ def virtual_finger(settings: FingerSettings) -> VirtualFinger:
     centres = settings.drawing.centres()
     walls = tuple(Cavity(jnp.asarray(wall.faces)) for wall in cavities(mesh, centres))
     clamped = mesh.nodes[:, 0] <= 1e-9 * settings.drawing.size[0]
-    law = silicone(settings.silicone, settings.poisson)
+    law = _law(settings)
     body = Body.from_mesh(mesh, (law,), clamped, element=TAYLOR_HOOD)
     drawn = np.array(settings.guides)
     guides = drawn + _uniform(rng, settings.errors.guide, drawn.shape)
@@ -181,7 +182,7 @@ def rigid_tip(finger: VirtualFinger, segment: int, side: Side) -> RigidCylinder:
     count = len(settings.segment_x)
     if not 0 <= segment < count:
         raise ConfigError(f"segment {segment} cannot be pushed: give a number from 0 to {count - 1}")
-    along, across = (np.linspace(-1.0, 1.0, n) for n in _PATCH_POINTS)
+    along, across = (np.linspace(-1.0, 1.0, n) for n in settings.patch_points)
     patch = np.array(list(product(settings.patch_half * along, settings.electrode_half * across)))
     normal = np.array(_INWARDS[side])
     return RigidCylinder.before(
@@ -194,13 +195,13 @@ def rigid_tip(finger: VirtualFinger, segment: int, side: Side) -> RigidCylinder:
     )
 
 
-def set_against(tip: RigidCylinder, patch: Float[np.ndarray, "m 3"]) -> tuple[RigidCylinder, float]:
-    """The tip set up against its patch (m, 3) m where that is now, and the drive [m] of first contact.
+def set_against(tip: RigidCylinder, grid: Float[np.ndarray, "n m 3"]) -> tuple[RigidCylinder, float]:
+    """The tip set up against its patch where that is now, and the drive [m] of first contact.
 
+    grid (n, m, 3) m: the patch's points, n along and m across it.
     It rests on the patch's middle, lies across it, and will move along its normal.
     """
-    n, m = _PATCH_POINTS
-    grid = patch.reshape(n, m, 3)
+    patch = grid.reshape(-1, 3)
     middle = patch.mean(axis=0)
     across = grid[:, -1].mean(axis=0) - grid[:, 0].mean(axis=0)
     lengthwise = grid[-1].mean(axis=0) - grid[0].mean(axis=0)
@@ -242,6 +243,12 @@ def _on_side(
     face = middle - 0.5 * normal * np.array([0.0, width, height])
     across = np.abs(np.cross(normal, [1.0, 0.0, 0.0]))
     return face + offsets[:, :1] * np.array([1.0, 0.0, 0.0]) + offsets[:, 1:] * across
+
+
+def _law(settings: FingerSettings) -> Yeoh:
+    if settings.shear_modulus is None:
+        return silicone(settings.silicone, settings.poisson)
+    return silicone_of_stiffness(settings.silicone, settings.shear_modulus, settings.poisson)
 
 
 def _mesh(settings: FingerSettings, rng: np.random.Generator) -> TetMesh:

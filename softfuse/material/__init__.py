@@ -6,7 +6,7 @@ from softfuse.material.mooney_rivlin import MooneyRivlin
 from softfuse.material.neo_hookean import NeoHookean
 from softfuse.material.ogden import Ogden
 from softfuse.material.saint_venant_kirchhoff import SaintVenantKirchhoff
-from softfuse.material.silicones import SILICONES, silicone
+from softfuse.material.silicones import SILICONES, silicone, silicone_of_stiffness
 from softfuse.material.yeoh import Yeoh
 
 __all__ = [
@@ -20,4 +20,5 @@ __all__ = [
     "Yeoh",
     "lame_constants",
     "silicone",
+    "silicone_of_stiffness",
 ]

@@ -28,9 +28,23 @@ def silicone(name: str, poisson: float) -> Yeoh:
 
     Raises ConfigError when the name is not in `SILICONES`.
     """
+    return Yeoh.from_poisson(*_constants(name), poisson)
+
+
+def silicone_of_stiffness(name: str, shear_modulus: float, poisson: float) -> Yeoh:
+    """The Yeoh law of a silicone, all constants scaled so that small strains have a shear modulus [Pa].
+
+    It stiffens with strain as that silicone does. Raises ConfigError when the name is not in `SILICONES`.
+    """
+    c1, c2, c3 = _constants(name)
+    scale = shear_modulus / (2.0 * c1)
+    return Yeoh.from_poisson(scale * c1, scale * c2, scale * c3, poisson)
+
+
+def _constants(name: str) -> tuple[float, float, float]:
     constants = SILICONES.get(name.lower())
     if constants is None:
         raise ConfigError(
             f"silicone {name!r} is not known: give one of {', '.join(SILICONES)}, or its constants"
         )
-    return Yeoh.from_poisson(*constants, poisson)
+    return constants

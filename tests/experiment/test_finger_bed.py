@@ -303,19 +303,20 @@ def test_one_push_is_computed_and_recorded(tmp_path: Path) -> None:
 def test_a_tip_is_set_against_the_side_as_it_lies(finger) -> None:
     tip = rigid_tip(finger, 1, "left")
     rest = np.asarray(tip.ports.values(finger.body, jnp.zeros(finger.body.n))).reshape(-1, 3)
-    same, first = set_against(tip, rest)
+    grid = (*SHORT.patch_points, 3)
+    same, first = set_against(tip, rest.reshape(grid))
     np.testing.assert_allclose(same.centre, [0.04, 0.01 + RADIUS, 0.01], atol=1e-12)
     np.testing.assert_allclose(same.direction, [0.0, -1.0, 0.0], atol=1e-12)
     assert first == pytest.approx(0.0, abs=1e-12)
     turn = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
-    turned, first = set_against(tip, rest @ turn.T + 0.01)
+    turned, first = set_against(tip, (rest @ turn.T + 0.01).reshape(grid))
     np.testing.assert_allclose(turned.centre, turn @ np.asarray(same.centre) + 0.01, atol=1e-12)
     np.testing.assert_allclose(turned.direction, turn @ [0.0, -1.0, 0.0], atol=1e-12)
     assert abs(np.asarray(turned.axis) @ turn @ [0.0, 0.0, 1.0]) == pytest.approx(1.0)
     # A bump on the middle line is met before the rest.
     bumpy = rest.copy()
     bumpy[19, 1] += 1e-3
-    _, first = set_against(tip, bumpy)
+    _, first = set_against(tip, bumpy.reshape(grid))
     assert first == pytest.approx(-1e-3, rel=0.1)
 
 

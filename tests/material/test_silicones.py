@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import pytest
 
 from softfuse.errors import ConfigError
-from softfuse.material import SILICONES, silicone
+from softfuse.material import SILICONES, silicone, silicone_of_stiffness
 
 # Nominal stress [kPa] at 50, 100 and 200 % strain, read off the tests of the Soft Robotics Materials
 # Database.
@@ -37,3 +37,10 @@ def test_names_ignore_case_and_poisson_sets_the_bulk() -> None:
 def test_an_unknown_silicone_is_refused() -> None:
     with pytest.raises(ConfigError, match="ecoflex 00-30"):
         silicone("playdough", 0.49)
+
+
+def test_a_silicone_of_a_stiffness_keeps_its_shape_of_stress() -> None:
+    soft, drawn = silicone_of_stiffness("dragon skin 30", 46e3, 0.49), silicone("dragon skin 30", 0.49)
+    assert float(soft.shear_modulus()) == pytest.approx(46e3)
+    f = jnp.diag(jnp.array([1.8, 0.7, 0.8]))
+    assert float(soft.energy(f) / drawn.energy(f)) == pytest.approx(0.25, rel=1e-12)

@@ -1,0 +1,115 @@
+"""From what a channel should say to what it says: gain, zero, drift, noise, dead zone, range and converter.
+
+    v = Δ rint(clip(v₀ + γ D(x − v₀) + z + w(t) + s(t) + n, low, high) / Δ)
+
+for a noiseless reading x: D leaves out what is smaller than the dead zone, v₀ is the reading that means
+nothing, z a constant zero, w and s zeros that wander fast and slowly, n white noise, Δ the step of the
+converter. Both wanders are stationary Ornstein-Uhlenbeck processes, w(t + δ) = e^(−δ/τ) w(t) + σ √(1 −
+e^(−2δ/τ)) ξ, exact for any δ (Gillespie, Phys. Rev. E 54, 2084, 1996): a device that runs for days stays in
+its bounds.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from jaxtyping import Float
+
+from softfuse.experiment.programme import Programme
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelElectronics:
+    """k channels, each value (k,) in the unit of its channel, times in s; gain γ has none."""
+
+    nothing: Float[np.ndarray, " k"]
+    dead_zone: Float[np.ndarray, " k"]
+    gain: Float[np.ndarray, " k"]
+    zero: Float[np.ndarray, " k"]
+    wander_sigma: Float[np.ndarray, " k"]
+    wander_time: Float[np.ndarray, " k"]
+    slow_sigma: Float[np.ndarray, " k"]
+    slow_time: Float[np.ndarray, " k"]
+    noise: Float[np.ndarray, " k"]
+    step: Float[np.ndarray, " k"]
+    low: Float[np.ndarray, " k"]
+    high: Float[np.ndarray, " k"]
+
+    def taken(self, channels: Sequence[int]) -> "ChannelElectronics":
+        """Some of the channels, by their numbers."""
+        return ChannelElectronics(*(getattr(self, field.name)[list(channels)] for field in fields(self)))
+
+
+def equal_channels(
+    count: int,
+    *,
+    noise: float,
+    step: float,
+    low: float,
+    high: float,
+    nothing: float = 0.0,
+    dead_zone: float = 0.0,
+    gain: float | Float[np.ndarray, " k"] = 1.0,
+    zero: float | Float[np.ndarray, " k"] = 0.0,
+    wander_sigma: float = 0.0,
+    wander_time: float = 1.0,
+    slow_sigma: float = 0.0,
+    slow_time: float = 1.0,
+) -> ChannelElectronics:
+    """`count` channels alike, but for gains and zeros; the options are the fields of ChannelElectronics."""
+    zeros = (zero, wander_sigma, wander_time, slow_sigma, slow_time)
+    values = (nothing, dead_zone, gain, *zeros, noise, step, low, high)
+    return ChannelElectronics(*(np.broadcast_to(np.asarray(value, float), (count,)) for value in values))
+
+
+def side_by_side(parts: Sequence[ChannelElectronics]) -> ChannelElectronics:
+    """The channels of all parts in their order."""
+    return ChannelElectronics(
+        *(
+            np.concatenate([getattr(part, field.name) for part in parts])
+            for field in fields(ChannelElectronics)
+        )
+    )
+
+
+class Readout:
+    """Reads a programme through electronics, sample after sample; the same seed gives the same samples."""
+
+    def __init__(self, programme: Programme, electronics: ChannelElectronics, seed: Sequence[int]) -> None:
+        """`seed`: numbers that no two readouts of a device share."""
+        self._programme, self._parts = programme, electronics
+        self._rng = np.random.default_rng(np.random.SeedSequence(list(seed)))
+        start = self._rng.standard_normal((2, len(programme.channels)))
+        self._wander = electronics.wander_sigma * start[0]
+        self._slow = electronics.slow_sigma * start[1]
+        self._time: float | None = None
+
+    def read(self, time_s: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m k"]:
+        """Samples (m, k) at times (m,) s that are later than all before and increase."""
+        parts = self._parts
+        asked = self._programme.at(time_s) - parts.nothing
+        value = (
+            parts.nothing + parts.gain * np.where(np.abs(asked) < parts.dead_zone, 0.0, asked) + parts.zero
+        )
+        # Drawn sample by sample, so that it does not matter how many are read at once.
+        drawn = self._rng.standard_normal((len(value), 3, value.shape[1]))
+        value += parts.noise * drawn[:, 0]
+        for k, now in enumerate(np.asarray(time_s, float).tolist()):
+            elapsed = 0.0 if self._time is None else now - self._time
+            self._wander = _wandered(
+                self._wander, parts.wander_sigma, elapsed / parts.wander_time, drawn[k, 1]
+            )
+            self._slow = _wandered(self._slow, parts.slow_sigma, elapsed / parts.slow_time, drawn[k, 2])
+            value[k] += self._wander + self._slow
+            self._time = now
+        return parts.step * np.rint(np.clip(value, parts.low, parts.high) / parts.step)
+
+
+def _wandered(
+    last: Float[np.ndarray, " k"],
+    sigma: Float[np.ndarray, " k"],
+    elapsed: Float[np.ndarray, " k"],
+    drawn: Float[np.ndarray, " k"],
+) -> Float[np.ndarray, " k"]:
+    """The wander (k,) after a time (k,) in units of its own."""
+    return np.exp(-elapsed) * last + sigma * np.sqrt(-np.expm1(-2.0 * elapsed)) * drawn

@@ -1,0 +1,72 @@
+"""Arrays that take long to compute, kept in a folder: one npz file for each set of settings.
+
+The file's name holds a digest of the settings, of the code's revision and of the package's version, so that
+what is found was made by the same from the same. A file that cannot be read is made anew; a folder that
+cannot be written is done without.
+"""
+
+import hashlib
+import importlib.metadata
+import logging
+import os
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+log = logging.getLogger(__name__)
+
+REVISION = 1
+"""To be raised when other arrays come of the same settings."""
+
+Arrays = Mapping[str, np.ndarray]
+
+
+def settings_digest(*settings: object) -> str:
+    """A name for settings whose representations say all about them, such as dataclasses of numbers."""
+    said = repr((importlib.metadata.version("softfuse"), REVISION, settings))
+    return hashlib.sha256(said.encode()).hexdigest()[:24]
+
+
+def kept(folder: Path | None, name: str, names: frozenset[str], compute: Callable[[], Arrays]) -> Arrays:
+    """The arrays `names` of a file in the folder, or else computed and kept there; without a folder,
+    computed.
+    """
+    path = None if folder is None else folder / f"{name}.npz"
+    found = None if path is None else _read(path, names)
+    if found is not None:
+        return found
+    arrays = compute()
+    if path is not None:
+        _write(path, arrays)
+    return arrays
+
+
+def _read(path: Path, names: frozenset[str]) -> Arrays | None:
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
+        log.warning("%s cannot be read and is made anew: %s", path, error)
+        return None
+    if set(arrays) != names or not all(np.isfinite(array).all() for array in arrays.values()):
+        log.warning("%s does not hold what it should and is made anew", path)
+        return None
+    return arrays
+
+
+def _write(path: Path, arrays: Arrays) -> None:
+    """Under another name first: another process must not find half a file."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
+            part = Path(file.name)
+            np.savez(file, **dict(arrays), allow_pickle=False)
+        os.replace(part, path)
+    except OSError as error:
+        log.warning("%s cannot be kept: %s", path, error.strerror or error)
