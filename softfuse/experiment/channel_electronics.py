@@ -17,6 +17,9 @@ from jaxtyping import Float
 
 from softfuse.experiment.programme import Programme
 
+_SAME_S = 1e-7
+"""Difference below which two times between samples are the same [s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class ChannelElectronics:
@@ -79,10 +82,12 @@ class Readout:
         """`seed`: numbers that no two readouts of a device share."""
         self._programme, self._parts = programme, electronics
         self._rng = np.random.default_rng(np.random.SeedSequence(list(seed)))
-        start = self._rng.standard_normal((2, len(programme.channels)))
-        self._wander = electronics.wander_sigma * start[0]
-        self._slow = electronics.slow_sigma * start[1]
+        # Both wanders together (2, k).
+        self._sigma = np.stack([electronics.wander_sigma, electronics.slow_sigma])
+        self._memory = np.stack([electronics.wander_time, electronics.slow_time])
+        self._wander = self._sigma * self._rng.standard_normal(self._sigma.shape)
         self._time: float | None = None
+        self._pass(0.0)
 
     def read(self, time_s: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m k"]:
         """Samples (m, k) at times (m,) s that are later than all before and increase."""
@@ -96,20 +101,15 @@ class Readout:
         value += parts.noise * drawn[:, 0]
         for k, now in enumerate(np.asarray(time_s, float).tolist()):
             elapsed = 0.0 if self._time is None else now - self._time
-            self._wander = _wandered(
-                self._wander, parts.wander_sigma, elapsed / parts.wander_time, drawn[k, 1]
-            )
-            self._slow = _wandered(self._slow, parts.slow_sigma, elapsed / parts.slow_time, drawn[k, 2])
-            value[k] += self._wander + self._slow
+            if abs(elapsed - self._passed) > _SAME_S:
+                self._pass(elapsed)
+            self._wander = self._decay * self._wander + self._spread * drawn[k, 1:]
+            value[k] += self._wander[0] + self._wander[1]
             self._time = now
         return parts.step * np.rint(np.clip(value, parts.low, parts.high) / parts.step)
 
-
-def _wandered(
-    last: Float[np.ndarray, " k"],
-    sigma: Float[np.ndarray, " k"],
-    elapsed: Float[np.ndarray, " k"],
-    drawn: Float[np.ndarray, " k"],
-) -> Float[np.ndarray, " k"]:
-    """The wander (k,) after a time (k,) in units of its own."""
-    return np.exp(-elapsed) * last + sigma * np.sqrt(-np.expm1(-2.0 * elapsed)) * drawn
+    def _pass(self, elapsed: float) -> None:
+        """Work out how wanders go on over a time [s], which is nearly always the same."""
+        self._passed = elapsed
+        self._decay = np.exp(-elapsed / self._memory)
+        self._spread = self._sigma * np.sqrt(-np.expm1(-2.0 * elapsed / self._memory))

@@ -51,7 +51,7 @@ def _read(path: Path, names: frozenset[str]) -> Arrays | None:
             arrays = {name: stored[name] for name in stored.files}
     except FileNotFoundError:
         return None
-    except (OSError, ValueError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
+    except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         log.warning("%s cannot be read and is made anew: %s", path, error)
         return None
     if set(arrays) != names or not all(np.isfinite(array).all() for array in arrays.values()):

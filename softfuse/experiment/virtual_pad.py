@@ -50,7 +50,9 @@ class PadSettings:
     """The drawing, what it is made of, how finely it is computed, and the punch; lengths in m.
 
     shear_modulus in Pa and poisson at small strains; with larger ones it stiffens as `silicone` does.
-    surface_size, base_size, growth: see `mesh.pad.pad_mesh`. radius: of the punch.
+    surface_size, base_size, growth: see `mesh.pad.pad_mesh`. radius: of the punch; rims, sectors: its cells,
+    see `functional.pressure_cells.flat_punch`. A coarse mesh cannot tell many apart, and
+    there is no equilibrium.
     """
 
     drawing: PadGeometry
@@ -61,6 +63,8 @@ class PadSettings:
     base_size: float = 16e-3
     growth: float = 1.0
     radius: float = 10e-3
+    rims: tuple[float, ...] = (0.5, 0.85, 1.0)
+    sectors: tuple[int, ...] = (4, 8, 12)
     errors: PadErrors = PadErrors()
 
 
@@ -120,7 +124,8 @@ def virtual_pad(settings: PadSettings) -> VirtualPad:
     bottom = mesh.nodes[:, 2] <= 1e-9 * settings.drawing.size[2]
     body = Body.from_mesh(mesh, (law,), bottom, element=TAYLOR_HOOD)
     surface = ContactSurface.facing(outer_surface(mesh).faces, mesh.nodes, _DOWN)
-    disc = Contact(surface, flat_punch(), jnp.zeros(3), jnp.asarray(settings.radius))
+    cells = flat_punch(settings.rims, settings.sectors)
+    disc = Contact(surface, cells, jnp.zeros(3), jnp.asarray(settings.radius))
     walls = tuple(Cavity(jnp.asarray(wall.faces)) for wall in cavities(mesh, centres))
     return VirtualPad(settings, body, walls, PunchContact(disc))
 
