@@ -20,6 +20,7 @@ from softfuse.cli.replay import replay
 from softfuse.cli.run import run
 from softfuse.cli.simulate import simulate
 from softfuse.cli.terminal import escape_log, printable, stderr, stdout
+from softfuse.cli.virtual_device import virtual_device
 from softfuse.errors import SoftfuseError
 
 app = typer.Typer(
@@ -34,6 +35,7 @@ app.command()(calibrate)
 app.command()(run)
 app.command()(replay)
 app.command()(convert)
+app.command()(virtual_device)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -21,7 +21,7 @@ from softfuse.hardware.virtual.outlet import AbstractOutlet
 _PATIENCE_S = 0.02
 """How long it waits at most before it looks whether a host has asked something, or it is to end [s]."""
 
-_AT_ONCE = 8
+_AT_ONCE = 32
 """Samples of a board before the next board's turn, as fast as they are read."""
 
 

@@ -1,0 +1,133 @@
+"""softfuse virtual-device: a device that is not there, on a port of this computer."""
+
+import math
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import platformdirs
+import typer
+
+from softfuse.cli.terminal import Quiet, busy, stdout
+from softfuse.cli.virtual_boards import TruthFile, boards_of, line_seed
+from softfuse.cli.virtual_faults import HELP, parse_faults
+from softfuse.config import load
+from softfuse.config.build_virtual import VirtualBody, build_virtual
+from softfuse.config.device import DeviceConfig
+from softfuse.errors import SoftfuseError
+from softfuse.hardware.stream import HostClock
+from softfuse.hardware.virtual.board_clock import BoardClock
+from softfuse.hardware.virtual.line_faults import FaultyLine
+from softfuse.hardware.virtual.outlet import AbstractOutlet
+from softfuse.hardware.virtual.pseudo_terminal import PseudoTerminal
+from softfuse.hardware.virtual.serving import AsFastAsRead, RealTime, VirtualDevice, VirtualPort
+from softfuse.hardware.virtual.tcp_port import TcpPort
+
+_USUAL_HZ = 100.0
+_FASTEST = "max"
+
+
+def virtual_device(
+    config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
+    tcp: Annotated[
+        int | None,
+        typer.Option(help="TCP port on loopback (0: any), no pseudo-terminal; a second board has the next."),
+    ] = None,
+    link: Annotated[
+        Path | None,
+        typer.Option(help="Symbolic link to the pseudo-terminal; for two boards it is followed by 1 and 2."),
+    ] = None,
+    rate: Annotated[
+        str, typer.Option(help='Samples per second, or "max": of 100 Hz each, as fast as they are read.')
+    ] = "100",
+    boards: Annotated[int, typer.Option(min=1, max=2, help="2: electrodes and the rest apart.")] = 1,
+    fault: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help=HELP)] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Other zeros, gains, noise and accidents.")] = 0,
+    truth: Annotated[Path | None, typer.Option(help="File for the true values (CSV).")] = None,
+    for_s: Annotated[float | None, typer.Option("--for", help="End after so many seconds.")] = None,
+    quiet: Quiet = False,
+) -> None:
+    """Act as the device: press on a virtual body and send what its sensors say on a port, again and again."""
+    settings = load(config)
+    rate_Hz = _rate(rate)
+    if for_s is not None and not 0 < for_s < math.inf:
+        raise SoftfuseError(f"--for {for_s:g}: give how long in seconds")
+    outlets = _outlets(tcp, link, boards)
+    faults = parse_faults(fault or [], () if settings.sensors is None else settings.sensors.channels)
+    body = _body(settings, seed, quiet)
+    with ExitStack() as stack:
+        written = None
+        if truth is not None:
+            file = TruthFile(truth, body.programme, HostClock().now_s())
+            stack.callback(file.close)
+            written = file.write
+        made = boards_of(body, settings.device.name, boards, rate_Hz, faults, seed, written)
+        ports = [
+            VirtualPort(board, FaultyLine(faults.line, line_seed(seed, k)), outlets[k])
+            for k, board in enumerate(made)
+        ]
+        pace = AsFastAsRead() if rate == _FASTEST else RealTime()
+        device = VirtualDevice(ports, pace, outages=faults.outages, plugged=_tell_ports)
+        try:
+            device.run(for_s)
+        finally:
+            for port in () if quiet else ports:
+                _tell_report(port)
+
+
+def _rate(text: str) -> float:
+    if text == _FASTEST:
+        return _USUAL_HZ
+    try:
+        rate_Hz = float(text)
+    except ValueError:
+        raise SoftfuseError(f'--rate {text}: give samples per second, or "{_FASTEST}"') from None
+    return BoardClock(rate_Hz).rate_Hz
+
+
+def _outlets(tcp: int | None, link: Path | None, boards: int) -> list[list[AbstractOutlet]]:
+    """The outlets of each board: a pseudo-terminal unless there is a TCP port and no link is asked for."""
+    found: list[list[AbstractOutlet]] = []
+    for k in range(boards):
+        here: list[AbstractOutlet] = []
+        if tcp is not None:
+            here.append(TcpPort(tcp + k if tcp else 0))
+        if link is not None:
+            here.append(PseudoTerminal(link if boards == 1 else link.with_name(f"{link.name}{k + 1}")))
+        elif tcp is None:
+            here.append(PseudoTerminal())
+        found.append(here)
+    return found
+
+
+def _body(settings: DeviceConfig, seed: int, quiet: bool) -> VirtualBody:
+    folder = platformdirs.user_cache_path("softfuse") / "virtual"
+    with busy("pressing, once for each configuration", quiet=quiet):
+        return build_virtual(settings, folder=folder, seed=seed)
+
+
+def _tell_ports(ports: Sequence[VirtualPort]) -> None:
+    """Always told, since nobody could find them otherwise."""
+    for port in ports:
+        description = port.board.description
+        text = f"{description.name}, {len(description.channels)} channels: {' '.join(port.urls)}"
+        stdout.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def _tell_report(port: VirtualPort) -> None:
+    report = port.report
+    board = report.board
+    parts = [f"{board.samples} samples", f"{report.sent} packets heard", f"{report.unheard} not"]
+    parts += [
+        f"{count} {what}"
+        for count, what in (
+            (board.lost, "samples lost"),
+            (report.dropped_bytes, "bytes dropped"),
+            (report.flipped_bits, "bits flipped"),
+            (report.outages, "times away"),
+        )
+        if count
+    ]
+    text = f"{port.board.description.name}: {', '.join(parts)}"
+    stdout.print(text, markup=False, highlight=False, soft_wrap=True)
