@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from softfuse.equilibrium.sparse import SparseLU
 from softfuse.errors import ConfigError
 from softfuse.experiment.pad_electronics import PadElectronics
 from softfuse.experiment.pad_field import ArrayField, CrossedLines, FieldSettings, line_panels
@@ -45,7 +46,7 @@ PLACES = ((15 * MM, 9 * MM), (-15 * MM, 9 * MM), (0.0, 0.0))
 
 @pytest.fixture(scope="module")
 def touches() -> PadTouches:
-    return pad_touches(SETTINGS, LINES, FIELD, [Touch(at, FORCES) for at in PLACES], GAPS)
+    return pad_touches(SETTINGS, LINES, FIELD, [Touch(at, FORCES) for at in PLACES], GAPS, plan=SparseLU.plan)
 
 
 @pytest.fixture(scope="module")
