@@ -27,8 +27,8 @@ _INTO: dict[Side, tuple[float, float, float]] = {
 }
 """Direction into the finger of the electrodes of each side."""
 
-_PUSH, _STEP, _PULL = 0.02, 0.02, 0.04
-"""Depth of pushes, largest step between two equilibria, shortening of the cable, as parts of the length."""
+_PUSH, _PULL = 0.04, 0.04
+"""Depth of pushes and shortening of the cable, as parts of the length; also the steps between equilibria."""
 
 _MESH = (1 / 6, 1 / 4, 9.0)
 """Longest edge at the cavities and largest box of the grid, as parts of the length, and growth."""
@@ -113,10 +113,11 @@ def finger_plan(
             points=tuple(point.at for point in config.points),
         ),
         (
+            # As many tips each time: a program is compiled for each number of them.
             Push(((last, "left"),), 0.0, (depth, 2.0 * depth)),
-            Push(cable=pull),
+            Push(((max(last - 1, 0), "left"),), pull, (depth,)),
         ),
-        Steps(cable=pull, depth=_STEP * length),
+        Steps(cable=pull, depth=depth),
         Electronics(
             atmosphere_Pa=gas.atmosphere,
             supply_V=pressure.supply,

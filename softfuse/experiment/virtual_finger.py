@@ -176,9 +176,11 @@ def virtual_finger(settings: FingerSettings) -> VirtualFinger:
 def rigid_tip(finger: VirtualFinger, segment: int, side: Side) -> RigidCylinder:
     """A round tip that rests on the middle of a side of a segment of the finger at rest.
 
-    Raises ConfigError when the finger has no such segment.
+    Raises ConfigError when the finger has no such segment, or the tip would meet it at a point or a line.
     """
     settings = finger.settings
+    if min(settings.patch_points) < 2:
+        raise ConfigError(f"a tip that meets the finger at {settings.patch_points} points: give at least (2, 2)")
     count = len(settings.segment_x)
     if not 0 <= segment < count:
         raise ConfigError(f"segment {segment} cannot be pushed: give a number from 0 to {count - 1}")
