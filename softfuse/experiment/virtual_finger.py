@@ -180,7 +180,9 @@ def rigid_tip(finger: VirtualFinger, segment: int, side: Side) -> RigidCylinder:
     """
     settings = finger.settings
     if min(settings.patch_points) < 2:
-        raise ConfigError(f"a tip that meets the finger at {settings.patch_points} points: give at least (2, 2)")
+        raise ConfigError(
+            f"a tip that meets the finger at {settings.patch_points} points: give at least (2, 2)"
+        )
     count = len(settings.segment_x)
     if not 0 <= segment < count:
         raise ConfigError(f"segment {segment} cannot be pushed: give a number from 0 to {count - 1}")

@@ -41,7 +41,7 @@ def session(path, rows, *, indices=None):
             writer.chunk(Chunk(0, START_S, b"raw"))
             writer.frame(FrameEntry(i, at, np.array(values, dtype=float)))
             fields = {"force_N": 0.1 * i, "contacts": i % 2, "where": "left, 2" if i else None}
-            writer.estimate(EstimateEntry(i, at, START_S, fields, ("ok", "late")[:i], 1.25, None))
+            writer.estimate(EstimateEntry(i, at, START_S, fields, ("ok", "late")[:i], 1.25, None, i + 1))
     return path
 
 
@@ -193,10 +193,11 @@ def test_estimates_as_csv_and_parquet(tmp_path):
     with (tmp_path / "b.csv").open(newline="") as stream:
         first, second = csv.DictReader(stream)
     assert list(first) == [
-        *("time_s", "frame", "force_N", "contacts", "where", "latency_ms", "end_to_end_ms", "status")
+        *("time_s", "frame", "sensed", "force_N", "contacts", "where"),
+        *("latency_ms", "end_to_end_ms", "status"),
     ]
     assert float(first["time_s"]) == START_S and first["where"] == first["end_to_end_ms"] == ""
-    assert [*second.values()][1:] == ["1", "0.1", "1", "left, 2", "1.25", "", "ok"]
+    assert [*second.values()][1:] == ["1", "2", "0.1", "1", "left, 2", "1.25", "", "ok"]
     rows = pq.read_table(tmp_path / "b.parquet").to_pylist()
     assert rows[0]["where"] is None and rows[1]["where"] == "left, 2" and rows[1]["status"] == ["ok"]
     assert rows[1]["force_N"] == 0.1 and rows[1]["contacts"] == 1.0 and rows[0]["end_to_end_ms"] is None

@@ -13,6 +13,7 @@ from softfuse.estimation.tracker import Tracked
 from softfuse.hardware.live.assembler import Assembled
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
+from softfuse.hardware.live.replay import Comparison, Replay
 from softfuse.hardware.live.session import Published, Session
 from softfuse.hardware.record.entries import SessionInfo, SourceInfo
 from softfuse.hardware.record.session_reader import read_session
@@ -98,6 +99,12 @@ def test_what_a_slow_estimator_never_saw_is_counted_and_recorded(tmp_path: Path)
     recorded = read_session(tmp_path / "s.mcap")
     assert [f.values[0] for f in recorded.frames()] == list(range(2000)), "the recorder gets all"
     assert [e.frame for e in recorded.estimates()] == follower.estimated
+    assert sum(e.sensed or 0 for e in recorded.estimates()) == report.sensed
+    again = Follower(0.0)
+    replay = Replay(recorded, Pipeline(("a",), [SoftfuseFrames()]), again)
+    assert len([*replay.run()]) == report.estimated
+    assert again.sensed == follower.sensed and again.estimated == follower.estimated
+    assert replay.comparison == Comparison(report.estimated, report.estimated, None)
     assert report.latency_p50_s >= 0.2
 
 

@@ -45,7 +45,7 @@ def write(writer, i):
     values = np.array([0.5 + 1e-3 * math.sin(i), 20000.0 + i, math.nan if i % 3 else 1 / 3])
     writer.frame(FrameEntry(i, at, values))
     fields = {"force_N": 0.1 * i, "contacts": 1, "where": "left 2" if i % 2 else None}
-    writer.estimate(EstimateEntry(i, at, at + 0.002, fields, ("ok", "late"), 1.5, math.nan))
+    writer.estimate(EstimateEntry(i, at, at + 0.002, fields, ("ok", "late"), 1.5, math.nan, 1))
 
 
 def obeys(value, schema):

@@ -1,19 +1,22 @@
 """A recorded session through the same path again: the same bytes, the same frames, the same numbers.
 
-What was estimated live depends on how fast the machine was: frames between two estimates were only sensed.
-A replay therefore estimates at the frames at which the recording holds an estimate, at all frames where it
-holds none, and then every number is the same to the last bit, at whatever speed.
+What was estimated live depends on how fast the machine was: frames between two estimates were only sensed,
+and those that an estimate came too late for, not even that. A replay therefore senses the frames that went
+into the recorded estimates and estimates where they were made, at all frames where there are none, and then
+every number is the same to the last bit, at whatever speed.
 """
 
 import math
 import time
-from collections.abc import Iterator
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from softfuse.hardware.live.assembler import Assembled
 from softfuse.hardware.live.follower import Fields, Follower
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.session import Published
+from softfuse.hardware.record.entries import EstimateEntry
 from softfuse.hardware.record.session_reader import Session as RecordedSession
 
 
@@ -44,6 +47,7 @@ class Replay:
         """
         self._recorded, self._pipeline, self._follower = recorded, pipeline, follower
         self._wanted = {entry.frame: entry for entry in recorded.estimates()}
+        self._seen = _Seen(self._wanted.values())
         self._identical = 0
         self._first: int | None = None
 
@@ -58,6 +62,8 @@ class Replay:
         for number, frame in enumerate(self._frames()):
             start_s = frame.time_s if start_s is None else start_s
             pace.wait(frame.arrived_s)
+            if number not in self._seen:
+                continue
             self._follower.sense(frame, start_s)
             if number in self._wanted or not self._wanted:
                 yield self._estimate(number, frame)
@@ -85,6 +91,22 @@ class Replay:
         for chunk in self._recorded.chunks():
             frames, _ = self._pipeline.feed(chunk)
             yield from frames
+
+
+class _Seen:
+    """Which frames went into estimates."""
+
+    def __init__(self, estimates: Iterable[EstimateEntry]):
+        self._estimates = sorted(estimates, key=lambda entry: entry.frame)
+        self._ends = [entry.frame for entry in self._estimates]
+
+    def __contains__(self, number: int) -> bool:
+        """Whether a frame did, or none came after it that could tell."""
+        following = bisect_left(self._ends, number)
+        if following == len(self._ends):
+            return True
+        entry = self._estimates[following]
+        return entry.sensed is None or number > entry.frame - entry.sensed
 
 
 def _known(fields: Fields) -> dict[str, float | str]:

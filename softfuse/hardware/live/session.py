@@ -213,6 +213,7 @@ class Session:
                 tuple(str(status) for status in tracked.statuses),
                 1e3 * tracked.latency_s,
                 1e3 * elapsed,
+                len(batch),
             )
         )
         channels = dict(zip(self._pipeline.wanted, frame.values.tolist(), strict=True))

@@ -14,7 +14,7 @@ from softfuse.errors import RecordingError
 Kind = Literal["number", "string"]
 FRAME_FIELDS = ("index", "time_s")
 """What every frame has besides its channels, and no channel may be named."""
-ESTIMATE_FIELDS = ("frame", "time_s", "status", "latency_ms", "end_to_end_ms")
+ESTIMATE_FIELDS = ("frame", "sensed", "time_s", "status", "latency_ms", "end_to_end_ms")
 """What every estimate has besides its columns, and no column may be named."""
 
 MOST_NAMES = 65536
@@ -49,6 +49,10 @@ class EstimateEntry:
     """From the frame to the estimate."""
     end_to_end_ms: float | None = None
     """From the last byte to the estimate."""
+    sensed: int | None = None
+    """So many frames, the last of which is `frame`, went in since the estimate before; earlier ones that did
+    not were overrun. None where unknown: all.
+    """
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ def estimate_schema(info: SessionInfo) -> bytes:
     """The schema of a session's estimates."""
     fields = {
         "frame": {"type": "integer", "minimum": 0, "description": "index of the last frame that went in"},
+        "sensed": {"type": "integer", "minimum": 1, "description": "so many, up to that one, went in"},
         "time_s": {"type": "number", "description": "time of that frame [s]"},
         **{name: {"type": kind} for name, kind in info.estimates.items()},
         "status": {"type": "array", "items": {"type": "string"}},
@@ -104,6 +105,7 @@ class EstimateFormat:
         if unknown:
             raise ValueError(f"the session has no column of estimates named {unknown[0]!r}")
         found: dict[str, Any] = {"frame": int(entry.frame)}
+        _put(found, "sensed", entry.sensed)
         _put(found, "time_s", entry.time_s)
         for name, kind in self._columns.items():
             value = entry.fields.get(name)
@@ -137,6 +139,7 @@ class EstimateFormat:
             status=tuple(_clean(word) for word in status if isinstance(word, str)),
             latency_ms=_known(found, "latency_ms"),
             end_to_end_ms=_known(found, "end_to_end_ms"),
+            sensed=_index(found, "sensed") if "sensed" in found else None,
         )
 
 

@@ -68,9 +68,9 @@ def write_csv_estimates(
     count = 0
     with _text(path, compressed) as stream:
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([TIME, "frame", *columns, "latency_ms", "end_to_end_ms", "status"])
+        writer.writerow([TIME, "frame", "sensed", *columns, "latency_ms", "end_to_end_ms", "status"])
         for entry in estimates:
-            found = [entry.time_s, entry.frame, *(entry.fields[name] for name in columns)]
+            found = [entry.time_s, entry.frame, entry.sensed, *(entry.fields[name] for name in columns)]
             fields = [_field(value) for value in (*found, entry.latency_ms, entry.end_to_end_ms)]
             writer.writerow([*fields, "; ".join(entry.status)])
             count += 1

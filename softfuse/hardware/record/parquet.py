@@ -87,6 +87,7 @@ def write_parquet_estimates(path: Path, kinds: dict[str, Kind], estimates: Itera
         [
             (TIME, pa.float64()),
             ("frame", pa.int64()),
+            ("sensed", pa.int64()),
             *((name, types[kind]) for name, kind in kinds.items()),
             ("latency_ms", pa.float64()),
             ("end_to_end_ms", pa.float64()),
@@ -107,6 +108,7 @@ def write_parquet_estimates(path: Path, kinds: dict[str, Kind], estimates: Itera
         return [
             numbers([entry.time_s for entry in entries]),
             pa.array([entry.frame for entry in entries], pa.int64()),
+            pa.array([entry.sensed for entry in entries], pa.int64()),
             *(column(name, kind) for name, kind in kinds.items()),
             numbers([entry.latency_ms for entry in entries]),
             numbers([entry.end_to_end_ms for entry in entries]),
