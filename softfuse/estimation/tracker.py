@@ -122,6 +122,7 @@ class Tracker:
             return eqx.combine(arrays, static).update(state, time_s, readings)
 
         blank = tuple(jnp.zeros(n) for n in senses.channels)
+        self._float = blank[0].dtype
         started = time.perf_counter()
         self._sense = jax.jit(sense).lower(arrays, self._first, jnp.zeros(()), blank).compile()
         like = jax.eval_shape(sense, arrays, self._first, jnp.zeros(()), blank)[1].places
@@ -153,19 +154,21 @@ class Tracker:
         return replace(found, latency_s=time.perf_counter() - started)
 
     def sense(self, frame: Frame) -> Sensed:
-        """Advance the senses by one frame, without estimating: what it says, as numpy arrays.
+        """Advance the senses by one frame, without estimating: what it says.
 
         Senses integrate, average and debounce, so that they want every frame, also where forces and shape
         are estimated from fewer.
         """
-        readings = tuple(jnp.asarray(group, float) for group in frame.readings)
-        now = jnp.asarray(frame.time_s, float)
+        # The compiled program takes numpy's arrays as they are; nothing is read back unless it is needed.
+        readings = tuple(np.asarray(group, self._float) for group in frame.readings)
+        now = np.asarray(frame.time_s, self._float)
         self._memory, sensed = self._sense(self._arrays, self._memory, now, readings)
-        return jax.tree.map(np.asarray, sensed)
+        return sensed
 
     def estimate(self, time_s: float, sensed: Sensed) -> Tracked:
         """Forces and shape from what the senses said last, at `time_s` [s]."""
         started = time.perf_counter()
+        sensed = jax.tree.map(np.asarray, sensed)
         said = [status for status, true in sensed.flags.items() if true]
         attached = len(self._upper) - self._split
         drive, misfit = np.zeros(len(self._upper)), np.full(sensed.reading.shape, np.nan)

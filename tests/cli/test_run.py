@@ -32,19 +32,6 @@ def rows() -> list[dict[str, str]]:
         return list(csv.DictReader(stream))[:FRAMES]
 
 
-@pytest.fixture(scope="module")
-def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The pad's config on the coarsest mesh, which is compiled soonest."""
-    text = (ROOT / "configs" / "pad.toml").read_text()
-    for key, value in (("surface_size", "30 mm"), ("base_size", "28 mm"), ("fine_depth", "0 mm")):
-        start = text.index(f"{key} = ")
-        end = text.index('"', text.index('"', start) + 1)
-        text = f'{text[:start]}{key} = "{value}{text[end:]}'
-    path = tmp_path_factory.mktemp("config") / "coarse.toml"
-    path.write_text(text)
-    return path
-
-
 class Board(threading.Thread):
     """Sends the rows at their own pace to a pseudo-terminal, with its description each second."""
 

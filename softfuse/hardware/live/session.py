@@ -24,7 +24,7 @@ from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.record.entries import EstimateEntry, FrameEntry
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 
-INBOX_LENGTH = 4096
+INBOX_LENGTH = 256
 """Chunks that may wait to be assembled."""
 
 
