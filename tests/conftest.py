@@ -1,6 +1,7 @@
 """Every test runs in double precision, as the mechanics requires; and the finger in coarse variants."""
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import jax
@@ -18,6 +19,19 @@ LINEAR = (
     # With a high Poisson's ratio linear elements lock.
     ("poisson = 0.49", "poisson = 0.3"),
 )
+
+
+@pytest.fixture(scope="session", autouse=True)
+def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """A cache folder of the tests' own, where each finds the programs that others have compiled."""
+    base = tmp_path_factory.getbasetemp()
+    # Workers that test side by side share one.
+    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "cache"
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("XDG_CACHE_HOME", "HOME", "LOCALAPPDATA"):
+            patch.setenv(name, str(folder))
+        jax.config.update("jax_compilation_cache_dir", str(folder / "softfuse" / "jax"))
+        yield
 
 
 @pytest.fixture(scope="session")

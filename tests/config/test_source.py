@@ -34,6 +34,14 @@ def test_a_device_may_have_no_source(write: Write) -> None:
     assert load(write()).sources == ()
 
 
+@pytest.mark.parametrize("writer", ["write", "write_finger"])
+def test_the_source_of_the_examples_is_one(request: pytest.FixtureRequest, writer: str) -> None:
+    write = request.getfixturevalue(writer)
+    marks = [(f"# {line}", line) for line in ("[[source]]", "driver = ", "url = ", "baud = ")]
+    (source,) = load(write(*marks)).sources
+    assert source.driver == "softfuse" and (source.url, source.baud) == ("/dev/ttyACM0", 115200)
+
+
 def test_sources_are_read_in_their_order(written: Callable[[str], Path]) -> None:
     pad, touch, ati, rft = load(written(PAD + TOUCH + ATI + RFT + RENAMED)).sources
     assert (pad.driver, pad.url) == ("softfuse", "/dev/ttyACM0") and pad.known_channels == ()
