@@ -2,6 +2,9 @@
 
 import json
 import math
+import re
+import subprocess
+import sys
 import time
 import tracemalloc
 from fractions import Fraction
@@ -243,3 +246,15 @@ def test_memory_does_not_grow_with_the_session(tmp_path):
         tracemalloc.stop()
     # The index of the 120 chunks that a minute makes, and nothing of the 24,000 entries in them.
     assert sizes[1] - sizes[0] < 120 * 2000
+
+
+def test_the_reader_of_the_viewer_finds_no_fault(tmp_path):
+    with SessionWriter(tmp_path / "a.mcap", INFO) as writer:
+        for i in range(100):
+            write(writer, i)
+        writer.notice(Notice(START_S, 0, "info", "open"))
+    command = [sys.executable, "-m", "rerun", "mcap", "check", "--full", str(tmp_path / "a.mcap")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    for topic in ("/frame", "/estimate", "/notice", "/source/0/bytes", "/source/1/bytes"):
+        assert re.search(rf"^ok .* {topic} ", done.stdout, re.MULTILINE), done.stdout
