@@ -14,12 +14,14 @@ from rich.logging import RichHandler
 from softfuse.cli.calibrate import calibrate
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.convert import convert
+from softfuse.cli.doctor import doctor
 from softfuse.cli.estimate import estimate
 from softfuse.cli.mesh import mesh
 from softfuse.cli.replay import replay
 from softfuse.cli.run import run
 from softfuse.cli.simulate import simulate
 from softfuse.cli.terminal import escape_log, printable, stderr, stdout
+from softfuse.cli.testbed import testbed
 from softfuse.cli.virtual_device import virtual_device
 from softfuse.errors import SoftfuseError
 
@@ -36,6 +38,8 @@ app.command()(run)
 app.command()(replay)
 app.command()(convert)
 app.command()(virtual_device)
+app.command()(testbed)
+app.command()(doctor)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -1,32 +1,27 @@
 """softfuse run: live estimates from the sensors of a device."""
 
-import shlex
-import signal
-import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from datetime import UTC, datetime
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-from types import FrameType
 from typing import Annotated
 
 import typer
 from rich.live import Live
 
+from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.live_display import LiveDisplay, latency
-from softfuse.cli.live_parts import Estimating, estimating
+from softfuse.cli.live_parts import estimating
 from softfuse.cli.live_picture import Pictures, scene_of
-from softfuse.cli.sources import connection_of, driver_of
+from softfuse.cli.sources import connection_of, driver_of, session_info, sources_at
 from softfuse.cli.terminal import Quiet, busy, stderr, stdout
 from softfuse.config import DeviceConfig, load
-from softfuse.config.source import AnySource, SoftfuseSource
+from softfuse.config.source import AnySource
 from softfuse.errors import ConfigError
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.live.rerun_view import LOOPBACK, RerunView
 from softfuse.hardware.live.session import Session, SessionReport
-from softfuse.hardware.record.entries import SessionInfo, SourceInfo
 from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.stream import HostClock
 
@@ -37,7 +32,9 @@ def run(
     config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
     port: Annotated[
         list[str] | None,
-        typer.Option(help="Port of a device of softfuse's protocol, instead of [[source]]; may be repeated."),
+        typer.Option(
+            help="Port of a device of softfuse's protocol, instead of [\\[source]]; may be repeated."
+        ),
     ] = None,
     baud: Annotated[int, typer.Option(help="Baud rate of these ports.", min=50)] = 115200,
     record: Annotated[Path | None, typer.Option(help="Record everything to this file (.mcap).")] = None,
@@ -87,15 +84,14 @@ def run(
         for k, (source, driver) in enumerate(zip(sources, drivers, strict=True))
     ]
     try:
-        with _interruptible():
+        with suppress(KeyboardInterrupt), termination_interrupts():
             for connection in connections:
                 connection.open()
             # Not before every port is open: a mistake in one leaves no file.
-            recorder = (
-                None
-                if record is None
-                else Recorder(record, _info(parts, config, sources), clock, session.show)
-            )
+            recorder = None
+            if record is not None:
+                info = session_info(settings, sources, parts.channels, parts.columns)
+                recorder = Recorder(record, info, clock, session.show)
             session.start(recorder)
             _follow(session, display, seconds, quiet=quiet)
     finally:
@@ -111,7 +107,7 @@ def run(
 def _sources(config: DeviceConfig, ports: Sequence[str], baud: int) -> Sequence[AnySource]:
     """Those of the config, or devices at ports; ConfigError without any."""
     if ports:
-        return [SoftfuseSource(driver="softfuse", url=url, baud=baud) for url in ports]
+        return sources_at(ports, baud)
     if not config.sources:
         raise ConfigError(f"{config.path}: source: missing; write a [[source]], or give --port")
     return config.sources
@@ -119,34 +115,6 @@ def _sources(config: DeviceConfig, ports: Sequence[str], baud: int) -> Sequence[
 
 def _sent(connection: Connection, data: bytes) -> None:
     connection.send(data)
-
-
-def _info(parts: Estimating, config: Path, sources: Sequence[AnySource]) -> SessionInfo:
-    return SessionInfo(
-        device=parts.config.device.name,
-        command=shlex.join(["softfuse", *sys.argv[1:]]),
-        started=datetime.now(UTC).isoformat(),
-        channels=parts.channels,
-        estimates=parts.columns,
-        sources=tuple(SourceInfo(source.url, source.driver) for source in sources),
-        config=config.read_bytes(),
-    )
-
-
-@contextmanager
-def _interruptible() -> Iterator[None]:
-    """End at Ctrl-C and at a request to terminate, as an orderly stop."""
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    except KeyboardInterrupt:
-        pass
-    finally:
-        signal.signal(signal.SIGTERM, before)
 
 
 def _follow(session: Session, display: LiveDisplay, seconds: float | None, *, quiet: bool) -> None:

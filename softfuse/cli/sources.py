@@ -1,7 +1,13 @@
-"""The drivers and connections that the configuration's sources stand for."""
+"""The drivers and connections that the configuration's sources stand for, and how their sessions begin."""
 
-from collections.abc import Callable
+import shlex
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
 
+from pydantic import ValidationError
+
+from softfuse.config import DeviceConfig
 from softfuse.config.source import (
     AnySource,
     AtiNetFtSource,
@@ -10,6 +16,8 @@ from softfuse.config.source import (
     RobotousRftSource,
     SoftfuseSource,
 )
+from softfuse.errors import ConfigError
+from softfuse.hardware.record.entries import Kind, SessionInfo, SourceInfo
 from softfuse.hardware.source.ati_net_ft import PORT, AtiNetFt
 from softfuse.hardware.source.bota_serial import BotaSerial
 from softfuse.hardware.source.connection import Connection
@@ -21,6 +29,37 @@ from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.source.text_lines import PRESETS, TextFormat, TextLines
 from softfuse.hardware.source.udp_port import open_udp
 from softfuse.hardware.stream import Chunk, HostClock, Notice
+
+
+def sources_at(ports: Sequence[str], baud: int) -> list[SoftfuseSource]:
+    """Devices of softfuse's protocol at ports; ConfigError for a port that is none, or is given twice."""
+    sources: list[SoftfuseSource] = []
+    for url in ports:
+        if any(source.url == url for source in sources):
+            raise ConfigError(f"--port {url}: is given twice: remove one")
+        try:
+            sources.append(SoftfuseSource(driver="softfuse", url=url, baud=baud))
+        except ValidationError as error:
+            raise ConfigError(f"--port {url!r}: {error.errors()[0]['msg']}") from error
+    return sources
+
+
+def session_info(
+    config: DeviceConfig,
+    sources: Sequence[AnySource],
+    channels: tuple[str, ...],
+    estimates: Mapping[str, Kind],
+) -> SessionInfo:
+    """What a session that begins now says first: its sources, and what frames and estimates are made of."""
+    return SessionInfo(
+        device=config.device.name,
+        command=shlex.join(["softfuse", *sys.argv[1:]]),
+        started=datetime.now(UTC).isoformat(),
+        channels=channels,
+        estimates=estimates,
+        sources=tuple(SourceInfo(source.url, source.driver) for source in sources),
+        config=config.path.read_bytes(),
+    )
 
 
 def driver_of(source: AnySource) -> AbstractDriver:

@@ -16,6 +16,7 @@ what came since then counts.
 """
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +35,9 @@ JUMP_S = 0.2
 the host's time all were later than the line by more than that, it has stood still."""
 PATIENCE_S = 5.0
 JITTER_SAMPLES = 512
+
+Point = tuple[float, float]
+"""x and y as above [s]."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +73,10 @@ class DeviceClock:
         self._intercept = 0.0
         self._slope = 0.0
         self._x = 0.0
-        self._points: deque[tuple[float, float]] = deque()
+        self._points: deque[Point] = deque()
         # The last points, as long as all of them are late.
-        self._late: list[tuple[float, float]] = []
-        self._least: tuple[float, float] | None = None
+        self._late: list[Point] = []
+        self._least: Point | None = None
         self._bucket_end = BUCKET_S
         self._delays: deque[float] = deque(maxlen=JITTER_SAMPLES)
 
@@ -177,25 +181,25 @@ class DeviceClock:
             self._intercept, self._slope = _line_below(list(self._points), self._slope)
 
 
-def _line_below(points: list[tuple[float, float]], slope: float) -> tuple[float, float]:
+def _line_below(points: list[Point], slope: float) -> tuple[float, float]:
     """Intercept and slope of the nearest line below points of increasing x; of this slope if they are few."""
     if points[-1][0] - points[0][0] >= DRIFT_SPAN_S:
-        slope = _slope_below(points)
+        (x0, y0), (x1, y1) = edge_below(points)
+        slope = min(max((y1 - y0) / (x1 - x0), -LARGEST_DRIFT), LARGEST_DRIFT)
     return min(y - slope * x for x, y in points), slope
 
 
-def _slope_below(points: list[tuple[float, float]]) -> float:
-    """Slope of the lower hull's edge over the mean of x, within what a clock can drift."""
-    hull: list[tuple[float, float]] = []
-    for x, y in points:
-        while len(hull) > 1 and _turns_right(hull[-2], hull[-1], (x, y)):
+def edge_below(points: Sequence[Point]) -> tuple[Point, Point]:
+    """The two, of two points or more of increasing x, through which the nearest line below them all goes."""
+    hull: list[Point] = []
+    for point in points:
+        while len(hull) > 1 and _turns_right(hull[-2], hull[-1], point):
             hull.pop()
-        hull.append((x, y))
+        hull.append(point)
     mean = sum(x for x, _ in points) / len(points)
-    (x0, y0), (x1, y1) = next(edge for edge in zip(hull, hull[1:], strict=False) if edge[1][0] >= mean)
-    return min(max((y1 - y0) / (x1 - x0), -LARGEST_DRIFT), LARGEST_DRIFT)
+    return next(edge for edge in zip(hull, hull[1:], strict=False) if edge[1][0] >= mean)
 
 
-def _turns_right(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
+def _turns_right(a: Point, b: Point, c: Point) -> bool:
     """Whether b is on or above the straight from a to c."""
     return (b[0] - a[0]) * (c[1] - a[1]) <= (b[1] - a[1]) * (c[0] - a[0])

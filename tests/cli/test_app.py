@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 import typer
+from rich.text import Text
+from typer.core import TyperGroup
+from typer.main import get_command
 
 from softfuse.cli import app as application
 from softfuse.cli import main
@@ -70,6 +73,16 @@ def test_help_and_version(code_of: Callable[..., int], capsys: pytest.CaptureFix
     assert "mesh" in capsys.readouterr().out
     assert code_of("--version") == 0
     assert re.fullmatch(r"softfuse \d+\.\d+\.\d+\n", capsys.readouterr().out)
+
+
+def test_no_help_loses_what_is_in_brackets() -> None:
+    command = get_command(application.app)
+    assert isinstance(command, TyperGroup)
+    helps = [getattr(option, "help", None) for one in command.commands.values() for option in one.params]
+    helps += [one.help for one in (command, *command.commands.values())]
+    assert len(helps) > 50
+    for text in helps:
+        assert isinstance(text, str) and Text.from_markup(text).spans == [], f"escape the brackets of {text}"
 
 
 def test_progress_yields_everything_and_says_nothing_without_a_terminal(

@@ -98,6 +98,8 @@ class Pipeline:
                 return []
             elif place.missing:
                 tell(f"{place.missing} samples lost before sample {reading.sequence}")
+        # Devices that do not count, such as boards that print lines, have a clock all the same.
+        if reading.device_time_us is not None:
             time_s = device.clock.stamp(reading.device_time_us, reading.host_s)
         if reading.names is not device.names and reading.names != device.names:
             device.names = reading.names

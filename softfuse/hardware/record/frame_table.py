@@ -48,14 +48,12 @@ def write_csv(path: Path, table: FrameTable, *, compressed: bool) -> int:
 
     Raises: RecordingError for a channel whose name a header cannot hold; OSError as the disk does.
     """
-    for name in table.channels:
-        if name != name.strip().lstrip("\ufeff") or any(sign in name for sign in ",\r\n"):
-            raise RecordingError(f"the channel {name!r} cannot be named in a CSV file: rename it")
+    header = csv_header(table.channels)
     count = 0
     with _text(path, compressed) as stream:
-        stream.write(",".join((TIME, *table.channels)) + "\n")
+        stream.write(header)
         for frame in table.frames:
-            fields = (_field(value) for value in (float(frame.time_s), *frame.values.tolist()))
+            fields = (csv_field(value) for value in (float(frame.time_s), *frame.values.tolist()))
             stream.write(",".join(fields) + "\n")
             count += 1
     return count
@@ -71,13 +69,22 @@ def write_csv_estimates(
         writer.writerow([TIME, "frame", "sensed", *columns, "latency_ms", "end_to_end_ms", "status"])
         for entry in estimates:
             found = [entry.time_s, entry.frame, entry.sensed, *(entry.fields[name] for name in columns)]
-            fields = [_field(value) for value in (*found, entry.latency_ms, entry.end_to_end_ms)]
+            fields = [csv_field(value) for value in (*found, entry.latency_ms, entry.end_to_end_ms)]
             writer.writerow([*fields, "; ".join(entry.status)])
             count += 1
     return count
 
 
-def _field(value: float | str | None) -> str:
+def csv_header(channels: tuple[str, ...]) -> str:
+    """The first line, with its end; RecordingError for a channel whose name it cannot hold."""
+    for name in channels:
+        if name != name.strip().lstrip("\ufeff") or any(sign in name for sign in ",\r\n"):
+            raise RecordingError(f"the channel {name!r} cannot be named in a CSV file: rename it")
+    return ",".join((TIME, *channels)) + "\n"
+
+
+def csv_field(value: float | str | None) -> str:
+    """A number with the fewest digits that give it back, a text as it is; empty what is missing."""
     if isinstance(value, str):
         return value
     return repr(value) if value is not None and math.isfinite(value) else ""

@@ -149,7 +149,7 @@ class Connection:
                     greeted = now
                 if not silent and now - heard > SILENT_S:
                     silent = True
-                    self._tell("warning", f"{self._url}: {_SILENCE}")
+                    self._tell("warning", f"{self._url}: {SILENCE}")
         except OSError as error:
             return error
         return None
@@ -192,7 +192,7 @@ class Connection:
             self._on_notice(Notice(self._clock.now_s(), self._source, level, text))
 
 
-_SILENCE = f"nothing has come for {SILENT_S:g} s: is the device on, its cable in, and the baud rate its own?"
+SILENCE = f"nothing has come for {SILENT_S:g} s: is the device on, its cable in, and the baud rate its own?"
 
 
 def remedy(url: str, error: OSError) -> str:

@@ -1,0 +1,133 @@
+"""The files of a test bed: what they hold already, and what comes in addition."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+
+from softfuse.errors import RecordingError
+from softfuse.hardware.live.recorder import Recorder
+from softfuse.hardware.record.entries import FrameEntry, SessionInfo
+from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.recording import read_recording
+from softfuse.hardware.stream import Chunk, HostClock, Notice
+from softfuse.hardware.testbed.places import LABELS, Point, next_press, pressed, remaining
+from softfuse.hardware.testbed.recording import CsvRecording
+
+_SESSION, _TABLE = ".mcap", ".csv"
+
+
+@dataclass(frozen=True)
+class Done:
+    """The places [m] that some file lacks, and the first number that no press has."""
+
+    remaining: list[Point]
+    next_press: int
+
+
+def done_already(files: Sequence[Path], places: Sequence[Point], levels: int) -> Done:
+    """What the files hold of the places [m], each with samples of so many levels; RecordingError for files of
+    another kind, or that cannot be read.
+    """
+    if len({path.resolve() for path in files}) < len(files):
+        raise RecordingError(f"--out {', '.join(map(str, files))}: give each file once")
+    missing: set[Point] = set()
+    first = 0
+    for path in files:
+        pressed_here: list[Point] = []
+        for columns in _columns(path):
+            pressed_here += pressed(columns, levels)
+            first = max(first, next_press(columns))
+        missing |= set(remaining(places, pressed_here))
+    return Done([at for at in places if at in missing], first)
+
+
+class Outputs:
+    """Writes what is gathered to all files: a recording is continued, a session gets another beside it."""
+
+    def __init__(
+        self, files: Sequence[Path], info: SessionInfo, clock: HostClock, tell: Callable[[Notice], None]
+    ) -> None:
+        """RecordingError where a file cannot be written or has other columns."""
+        self._tables: list[CsvRecording] = []
+        self._recorders: list[Recorder] = []
+        self.files: list[Path] = []
+        """Those that are written."""
+        try:
+            for path in files:
+                if _kind(path) == _TABLE:
+                    self._tables.append(CsvRecording(path, info.channels))
+                else:
+                    path = _free(path)
+                    self._recorders.append(Recorder(path, info, clock, tell))
+                self.files.append(path)
+        except RecordingError:
+            self.close()
+            raise
+
+    def write(self, entry: Chunk | FrameEntry | Notice) -> None:
+        """Write an entry; OSError as the disk of a recording does."""
+        for recorder in self._recorders:
+            recorder.put(entry)
+        if isinstance(entry, FrameEntry):
+            for table in self._tables:
+                table.frame(entry)
+
+    @property
+    def lost(self) -> int:
+        """Entries that are in no session."""
+        return sum(recorder.lost for recorder in self._recorders)
+
+    def close(self) -> None:
+        """Write what waits, and close."""
+        for recorder in self._recorders:
+            recorder.close()
+        for table in self._tables:
+            table.close()
+
+
+def _kind(path: Path) -> str:
+    suffix = path.suffix.lower()
+    if suffix not in (_SESSION, _TABLE):
+        raise RecordingError(f"{path} is no kind of recording: its name must end in {_SESSION} or {_TABLE}")
+    return suffix
+
+
+def _columns(path: Path) -> list[dict[str, np.ndarray]]:
+    """The columns that say what was done, of a recording or of each of a session's files."""
+    if _kind(path) == _TABLE:
+        empty = not path.exists() or not path.stat().st_size
+        return [] if empty else [read_recording(path, LABELS).columns]
+    return [_session_columns(part) for part in _parts(path)]
+
+
+def _session_columns(path: Path) -> dict[str, np.ndarray]:
+    session = read_session(path)
+    channels = session.info.channels
+    lacking = [name for name in LABELS if name not in channels]
+    if lacking:
+        raise RecordingError(
+            f"{path} is no session of a test bed, it lacks {lacking[0]!r}: give another name"
+        )
+    take = [channels.index(name) for name in LABELS]
+    rows = np.array([entry.values[take] for entry in session.frames()]).reshape(-1, len(take))
+    return dict(zip(LABELS, rows.T, strict=True))
+
+
+def _numbered(path: Path) -> map:
+    return map(lambda k: path if k == 1 else path.with_stem(f"{path.stem}-{k}"), count(1))
+
+
+def _parts(path: Path) -> list[Path]:
+    parts = []
+    for part in _numbered(path):
+        if not part.exists():
+            return parts
+        parts.append(part)
+    raise AssertionError
+
+
+def _free(path: Path) -> Path:
+    return next(part for part in _numbered(path) if not part.exists())

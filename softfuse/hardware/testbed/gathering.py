@@ -1,0 +1,232 @@
+"""All that the sensors of a test bed say, as frames with the truth beside them, written down as they come.
+
+A thread turns the chunks of all sources into frames (`live.pipeline`) and adds, from what the bench says that
+it does, where the stage last stood and the columns `press, sample, true_x_mm, true_y_mm, true_force_N`. The
+force is the pressing one, sign (reading − zero). A frame with a sample carries the mean force over the end of
+its hold. Frames are written from the first press on, when zero and place are known; what came before is in
+the chunks.
+"""
+
+import queue
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softfuse.errors import HardwareError
+from softfuse.hardware.live.assembler import Assembled
+from softfuse.hardware.live.pipeline import Pipeline
+from softfuse.hardware.record.entries import FrameEntry
+from softfuse.hardware.stream import Chunk, HostClock, Notice
+from softfuse.hardware.testbed.places import LABELS
+from softfuse.hardware.testbed.procedure import beyond
+
+STAGE = ("stage_x_mm", "stage_y_mm", "stage_z_mm")
+"""Columns of where the stage last stood, in its own coordinates."""
+STALE_S = 0.4
+"""A force that is older says nothing about now [s]."""
+PATIENCE_S = 2.0
+"""How long a frame is waited for [s]."""
+_INBOX = 20_000
+_KEPT = 20_000
+
+
+@dataclass(frozen=True)
+class ForceAxis:
+    """The channel of the force along the indenter, and the sign that makes pressing positive."""
+
+    channel: str
+    sign: float
+
+
+@dataclass(frozen=True)
+class Label:
+    """What is done now: the number of the press, its place in the body's coordinates [m], what the force's
+    channel says without load, and where the stage last stood [m]; NaN where not known yet.
+    """
+
+    press: int
+    at: tuple[float, float] = (np.nan, np.nan)
+    zero: float = np.nan
+    stage: tuple[float, float, float] = (np.nan, np.nan, np.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class _Felt:
+    time_s: float
+    arrived_s: float
+    reading: float
+
+
+class Gathering:
+    """Gathers from `start` to `stop`; made before its connections are opened."""
+
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        axis: ForceAxis,
+        clock: HostClock,
+        *,
+        send: Callable[[int, bytes], None],
+        write: Callable[[Chunk | FrameEntry | Notice], None],
+        tell: Callable[[Notice], None],
+    ) -> None:
+        """`send`: to a source, soon; `write`: called from the gathering's thread with all there is to write
+        down; `tell`: with what people should know.
+        """
+        self.channels = (*pipeline.wanted, *STAGE, *LABELS)
+        """Of the frames."""
+        self._pipeline, self._axis, self._clock = pipeline, axis, clock
+        self._index = pipeline.wanted.index(axis.channel)
+        self._send, self._write, self._tell = send, write, tell
+        self._inbox: queue.Queue[Chunk | Notice | None] = queue.Queue(_INBOX)
+        self._felt: deque[_Felt] = deque(maxlen=_KEPT)
+        self._changed = threading.Condition()
+        self._label = Label(press=0)
+        self._mark: tuple[int, float] | None = None
+        self._failure: BaseException | None = None
+        self._thread = threading.Thread(target=self._guarded, name="softfuse gathering", daemon=True)
+        self.frames = 0
+        """How many were written."""
+
+    def start(self) -> None:
+        """Begin to work off what was received."""
+        self._thread.start()
+
+    def receive(self, chunk: Chunk) -> None:
+        """Take what a source has read; from any thread."""
+        self._inbox.put(chunk)
+
+    def tell(self, notice: Notice) -> None:
+        """Write down and show what people should know; from any thread."""
+        self._inbox.put(notice)
+
+    def stop(self) -> None:
+        """Work off what has been received, then end; raises what the thread failed with."""
+        if self._thread.ident is None:
+            return  # never started
+        self._inbox.put(None)
+        self._thread.join()
+        if self._failure is not None:
+            raise self._failure
+
+    @property
+    def missing(self) -> list[str]:
+        """Channels that nothing has given yet."""
+        return self._pipeline.missing
+
+    @property
+    def label(self) -> Label:
+        """What is done now."""
+        return self._label
+
+    def relabel(self, **changes: object) -> None:
+        """Say what is done from now on: fields of `Label`."""
+        with self._changed:
+            self._label = replace(self._label, **changes)
+
+    def trouble(self, force_limit: float) -> str | None:
+        """Why nobody should press now: a force beyond the limit [N], or one that is not known any more."""
+        if self._failure is not None:
+            return self._unwritten
+        with self._changed:
+            known = next((one for one in reversed(self._felt) if np.isfinite(one.reading)), None)
+        if known is None or self._clock.now_s() - known.arrived_s > STALE_S:
+            return self._absent
+        force = self._force(known.reading)
+        return beyond(force_limit, force) if abs(force) > force_limit else None
+
+    def reading(self, seconds: float) -> float:
+        """The mean of the force's channel over the next so many seconds, as the sensor has it.
+
+        HardwareError where no frame comes for `PATIENCE_S`, or none with the force.
+        """
+        start = self._clock.now_s()
+        with self._changed:
+            came = self._changed.wait_for(
+                lambda: (
+                    self._failure is not None
+                    or (bool(self._felt) and self._felt[-1].time_s >= start + seconds)
+                ),
+                seconds + PATIENCE_S,
+            )
+            readings = [one.reading for one in self._felt if one.time_s >= start]
+        readings = [reading for reading in readings if np.isfinite(reading)]
+        if self._failure is not None:
+            raise HardwareError(self._unwritten)
+        if not came or not readings:
+            missing = ", ".join(self._pipeline.missing)
+            raise HardwareError(self._absent + (f"; channels that never came: {missing}" if missing else ""))
+        return float(np.mean(readings))
+
+    def force(self, seconds: float) -> float:
+        """The mean pressing force [N] over the next so many seconds; HardwareError as `reading`."""
+        return self._force(self.reading(seconds))
+
+    def mark(self, level: int, force: float) -> None:
+        """Make the next frame the sample of a level (from 1) with this mean force [N], and wait for it.
+
+        HardwareError where no frame comes for `PATIENCE_S`.
+        """
+        with self._changed:
+            self._mark = level, force
+            if not self._changed.wait_for(lambda: self._mark is None, PATIENCE_S):
+                self._mark = None
+                raise HardwareError(f"no frame for {PATIENCE_S:g} s: check the device with softfuse doctor")
+
+    @property
+    def _absent(self) -> str:
+        return f"{self._axis.channel} does not come: look at the sensors with softfuse doctor"
+
+    @property
+    def _unwritten(self) -> str:
+        return f"what was measured cannot be written down: {self._failure}"
+
+    def _force(self, reading: float) -> float:
+        return self._axis.sign * (reading - self._label.zero)
+
+    def _guarded(self) -> None:
+        try:
+            self._run()
+        except BaseException as failure:
+            with self._changed:
+                self._failure = failure
+                self._changed.notify_all()
+            # Whoever still reads must not wait for room.
+            while self._inbox.get() is not None:
+                pass
+
+    def _run(self) -> None:
+        while (entry := self._inbox.get()) is not None:
+            self._write(entry)
+            if isinstance(entry, Notice):
+                self._tell(entry)
+                continue
+            frames, notices = self._pipeline.feed(entry)
+            if request := self._pipeline.take_requests(entry.source):
+                self._send(entry.source, request)
+            for frame in frames:
+                entry = self._entry(frame)
+                if entry is not None:
+                    self._write(entry)
+            for notice in notices:
+                self._write(notice)
+                self._tell(notice)
+
+    def _entry(self, frame: Assembled) -> FrameEntry | None:
+        reading = float(frame.values[self._index])
+        with self._changed:
+            label, mark, self._mark = self._label, self._mark, None
+            force = self._force(reading)
+            self._felt.append(_Felt(frame.time_s, frame.arrived_s, reading))
+            self._changed.notify_all()
+        stage = 1e3 * np.array(label.stage)
+        if not np.isfinite([label.zero, *stage]).all():
+            return None
+        level, force = mark or (0, force)
+        truth = [label.press, level, 1e3 * label.at[0], 1e3 * label.at[1], force]
+        entry = FrameEntry(self.frames, frame.time_s, np.concatenate([frame.values, stage, truth]))
+        self.frames += 1
+        return entry

@@ -1,0 +1,271 @@
+"""One press at force levels, as a state machine without hardware: what was felt in, what to do next out.
+
+    lift -> travel -> tare -> approach -> (feel -> step)* -> hold -> ... next level ... -> retreat -> rest
+
+The descent is closed over the force: with the last two heights h and forces F the stiffness is
+k = (F₁ − F₀) / (h₀ − h₁), and the next step goes `SHARE` of the way (level − F) / k, since silicone stiffens,
+within the finest and the longest step. Forces are positive when pressing, heights positive above the body's
+top at rest. Whatever is not as it should be ends the press: no further step down, retreat.
+
+Source: Navarro et al. 2020, Sec. V-A.1 (a grid of places, force levels of 5, 10 and 15 N).
+"""
+
+import math
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from softfuse.errors import HardwareError
+
+SHARE = 0.7
+WRONG_WAY = 0.3
+"""A force below −WRONG_WAY times the first level says that its sign is wrong."""
+
+
+@dataclass(frozen=True)
+class PressSettings:
+    """How to press; HardwareError for what cannot be. Forces [N], lengths [m], speeds [m/s], times [s].
+
+    levels: of the force, ascending; force_limit, depth_limit: never beyond; clearance: height of travel;
+    approach: height from which the descent is stepwise; longest_step, finest_step; tolerance: a level is
+    reached when so much is missing; settle, tare, hold, rest: how long to feel after a step, to take the
+    force's zero, to hold a level, and to leave the body alone after a press.
+    """
+
+    levels: tuple[float, ...] = (5.0, 10.0, 15.0)
+    force_limit: float = 20.0
+    depth_limit: float = 6e-3
+    clearance: float = 5e-3
+    approach: float = 1e-3
+    longest_step: float = 2e-4
+    finest_step: float = 1e-5
+    tolerance: float = 0.1
+    travel_speed: float = 20e-3
+    press_speed: float = 2e-3
+    retreat_speed: float = 5e-3
+    settle: float = 0.1
+    tare: float = 0.5
+    hold: float = 1.0
+    rest: float = 1.5
+
+    def __post_init__(self) -> None:
+        if not self.levels or any(
+            not a < b < math.inf for a, b in zip((0.0, *self.levels), self.levels, strict=False)
+        ):
+            raise HardwareError(f"the force levels {_listed(self.levels)} N must be above 0 and ascend")
+        for name, value in vars(self).items():
+            if name != "levels" and not 0.0 < value < math.inf:
+                raise HardwareError(
+                    f"the {name.replace('_', ' ')} of a press must be above 0 and finite, not {value:g}"
+                )
+        if not self.force_limit > self.levels[-1]:
+            raise HardwareError(
+                f"the force limit of {self.force_limit:g} N must be above the highest level, "
+                f"{self.levels[-1]:g} N"
+            )
+        if not self.finest_step <= self.longest_step:
+            raise HardwareError("the finest step must not be longer than the longest")
+        if not self.tolerance < self.levels[0]:
+            raise HardwareError(f"the tolerance must be below the first level, {self.levels[0]:g} N")
+        if not self.approach <= self.clearance:
+            raise HardwareError("the descent must begin at or below the clearance")
+
+
+@dataclass(frozen=True)
+class Place:
+    """x, y in the body's coordinates and the height above its top at rest [m]."""
+
+    x: float
+    y: float
+    height: float
+
+
+@dataclass(frozen=True)
+class Move:
+    """Go straight to a place with a speed [m/s]."""
+
+    to: Place
+    speed: float
+
+
+@dataclass(frozen=True)
+class Tare:
+    """Take the mean force over so long [s] as its zero."""
+
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Feel:
+    """Measure the mean force over so long [s]."""
+
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Stay for so long [s], measure the mean force at the end, and mark a sample of a level, from 1."""
+
+    level: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Stay for so long [s]."""
+
+    seconds: float
+
+
+Action = Move | Tare | Feel | Hold | Rest
+
+
+class Phase(Enum):
+    """Where a press is: what its action is for."""
+
+    LIFT = "lift"
+    TRAVEL = "travel"
+    TARE = "tare"
+    APPROACH = "approach"
+    FEEL = "feel"
+    STEP = "step"
+    HOLD = "hold"
+    RETREAT = "retreat"
+    REST = "rest"
+    ENDED = "ended"
+
+
+@dataclass(frozen=True)
+class Press:
+    """The state of a press.
+
+    action: to be done now, None when it has ended; level: index of the level that is sought; before: height
+    [m] and force [N] before the last step; trouble: why it was given up, and what to do; None while it is
+    not.
+    """
+
+    x: float
+    y: float
+    phase: Phase
+    action: Action | None
+    level: int = 0
+    before: tuple[float, float] | None = None
+    trouble: str | None = None
+
+
+@dataclass(frozen=True)
+class Seen:
+    """After an action: where the stage stands, and the pressing force [N] where one was measured."""
+
+    at: Place
+    force: float = math.nan
+
+
+def begin(settings: PressSettings, x: float, y: float, at: Place) -> Press:
+    """A press at x, y [m] by a stage that stands at a place; it is lifted first where it stands too low."""
+    if at.height < settings.clearance:
+        up = Place(at.x, at.y, settings.clearance)
+        return Press(x, y, Phase.LIFT, Move(up, settings.retreat_speed))
+    return _travel(settings, Press(x, y, Phase.TRAVEL, None))
+
+
+def advance(settings: PressSettings, now: Press, seen: Seen) -> Press:
+    """The press after its action has been done."""
+    match now.phase:
+        case Phase.LIFT:
+            return _travel(settings, now)
+        case Phase.TRAVEL:
+            return replace(now, phase=Phase.TARE, action=Tare(settings.tare))
+        case Phase.TARE:
+            down = Place(now.x, now.y, settings.approach)
+            return replace(now, phase=Phase.APPROACH, action=Move(down, settings.travel_speed))
+        case Phase.APPROACH | Phase.STEP:
+            return replace(now, phase=Phase.FEEL, action=Feel(settings.settle))
+        case Phase.FEEL:
+            return _felt(settings, now, seen)
+        case Phase.HOLD:
+            return _held(settings, now, seen)
+        case Phase.RETREAT:
+            return replace(now, phase=Phase.REST, action=Rest(settings.rest))
+        case Phase.REST | Phase.ENDED:
+            return replace(now, phase=Phase.ENDED, action=None)
+
+
+def give_up(settings: PressSettings, now: Press, at: Place, trouble: str) -> Press:
+    """The press when something is wrong: straight up from where the stage stands, if that is low; the end."""
+    if at.height >= settings.clearance:
+        return replace(now, phase=Phase.ENDED, action=None, trouble=trouble)
+    up = Place(at.x, at.y, settings.clearance)
+    return replace(now, phase=Phase.RETREAT, action=Move(up, settings.retreat_speed), trouble=trouble)
+
+
+def _travel(settings: PressSettings, now: Press) -> Press:
+    there = Place(now.x, now.y, settings.clearance)
+    return replace(now, phase=Phase.TRAVEL, action=Move(there, settings.travel_speed))
+
+
+def _felt(settings: PressSettings, now: Press, seen: Seen) -> Press:
+    level = settings.levels[now.level]
+    trouble = _trouble(settings, seen)
+    if trouble is not None:
+        return give_up(settings, now, seen.at, trouble)
+    if seen.force >= level - settings.tolerance:
+        return replace(now, phase=Phase.HOLD, action=Hold(now.level + 1, settings.hold))
+    step = _step(settings, now, seen, level)
+    room = seen.at.height + settings.depth_limit
+    if room < settings.finest_step:
+        return give_up(
+            settings,
+            now,
+            seen.at,
+            f"{seen.force:.2f} N instead of {level:g} N at the depth limit of "
+            f"{1e3 * settings.depth_limit:g} mm: check the stage's zero and the force sensor, or allow more",
+        )
+    down = Place(now.x, now.y, seen.at.height - min(step, room))
+    return replace(
+        now,
+        phase=Phase.STEP,
+        action=Move(down, settings.press_speed),
+        before=(seen.at.height, seen.force),
+    )
+
+
+def _held(settings: PressSettings, now: Press, seen: Seen) -> Press:
+    trouble = _trouble(settings, seen)
+    if trouble is not None:
+        return give_up(settings, now, seen.at, trouble)
+    if now.level + 1 < len(settings.levels):
+        return replace(now, phase=Phase.FEEL, action=Feel(settings.settle), level=now.level + 1)
+    up = Place(now.x, now.y, settings.clearance)
+    return replace(now, phase=Phase.RETREAT, action=Move(up, settings.retreat_speed))
+
+
+def _trouble(settings: PressSettings, seen: Seen) -> str | None:
+    if math.isnan(seen.force):
+        return "the force is not known: check the force sensor and its channel"
+    if abs(seen.force) > settings.force_limit:
+        return beyond(settings.force_limit, seen.force)
+    if seen.force < -WRONG_WAY * settings.levels[0]:
+        return f"pressing gives {seen.force:.2f} N: the force's sign is the other one (--force-sign)"
+    return None
+
+
+def beyond(limit: float, force: float) -> str:
+    """What to tell of a force [N] beyond the limit [N]."""
+    return (
+        f"{force:.2f} N is beyond the limit of {limit:g} N: look what the stage has touched, "
+        "then check its zero"
+    )
+
+
+def _step(settings: PressSettings, now: Press, seen: Seen, level: float) -> float:
+    step = settings.longest_step
+    if now.before is not None and seen.force > settings.tolerance:
+        height, force = now.before
+        depth, more = height - seen.at.height, seen.force - force
+        if depth > 0.0 and more > 0.0:
+            step = SHARE * (level - seen.force) * depth / more
+    return min(max(step, settings.finest_step), settings.longest_step)
+
+
+def _listed(values: tuple[float, ...]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
