@@ -41,7 +41,7 @@ class PadTiming:
     travel_s: float = 1.0
     hold_s: float = 1.0
     press_N_s: float = 6.0
-    release_N_s: float = 10.0
+    release_N_s: float = 4.0
     air_m_s: float = 20e-3
 
 

@@ -74,7 +74,7 @@ class Session:
         follower: Follower,
         clock: HostClock,
         *,
-        queue_length: int = 100,
+        queue_length: int = 1000,
         send: Callable[[int, bytes], None] = lambda source, data: None,
         publish: Sequence[Callable[[Published], None]] = (),
         notify: Sequence[Callable[[Notice], None]] = (),
