@@ -11,6 +11,7 @@ from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks
 from softfuse.config.contact import DiscSettings
 from softfuse.experiment import figures
 from softfuse.experiment.accuracy import Samples, force_table, location_table, scaled
+from softfuse.experiment.mutual_figures import signed_image
 from softfuse.experiment.report import picture
 from softfuse.mesh.surface import outer_surface
 
@@ -126,9 +127,11 @@ class PadStudy(AbstractStudy):
         displacement = np.asarray(self._all.device.body.displacement(peak.z))
         flat = figures.flat_triangles(outer_surface(mesh).faces)
         x, y = 1e3 * row.centre_m[:2]
-        array = self._all.config.sensors.capacitive
+        sensors = self._all.config.sensors
+        array = sensors.grid or sensors.capacitive
         lines = (1e3 * np.array(array.column_x), 1e3 * np.array(array.row_y))
-        image = figures.electrode_image(row.details.image, *lines)
+        draw = signed_image if sensors.grid else figures.electrode_image
+        image = draw(row.details.image, *lines)
         caption = (
             f"{row.force_N:.2f} N at ({x:.1f}, {y:.1f}) mm, {row.time_s:.2f} s. Each touch: shape_NN.vtu."
         )

@@ -62,20 +62,26 @@ class AbstractReadout(ABC):
         """What the electrodes see, over rows and columns; None where they are not in a grid."""
 
 
+_OF_DISC = (("x_mm", 3), ("y_mm", 3), ("force_N", 4))
+
+
 class PadReadout(AbstractReadout):
-    """Where and how hard, and the measured volume change of each cavity."""
+    """Where and how hard, of each contact when there may be several, and the volume change of each cavity."""
 
     def __init__(self, config: DeviceConfig):
         """The columns of a pad."""
         volumes = [Column(f"dV{k}_mm3", 3) for k in range(len(config.cavities))]
         place = [Column("x_mm", 3), Column("y_mm", 3), Column("force_N", 4)]
-        self._columns = (Column("contacts", 0), *place, *volumes, Column("residual", 3))
-        assert isinstance(config.contact, DiscSettings)  # crossed electrodes go with no other
+        assert isinstance(config.contact, DiscSettings)  # crossed electrodes and grids go with no other
+        most = config.contact.max_contacts
+        self._several = range(most if most > 1 else 0)
+        each = [Column(f"contact{c}_{what}", n) for c in self._several for what, n in _OF_DISC]
+        self._columns = (Column("contacts", 0), *place, *each, *volumes, Column("residual", 3))
         self._direction = np.array(config.contact.direction)
 
     @property
     def columns(self):
-        """Contacts, place, force, volumes, residual [mm³]."""
+        """Contacts, middle and sum of the forces, each contact, volumes, residual [mm³]."""
         return self._columns
 
     def read(self, now, state):
@@ -83,7 +89,10 @@ class PadReadout(AbstractReadout):
         del state
         place = [1e3 * float(x) for x in now.centre_m[:2]]
         volumes = [1e9 * float(v) for v in now.reading]
-        return [now.contacts, *place, now.force_N, *volumes, 1e9 * now.residual]
+        each = []
+        for c in self._several:
+            each += [*(1e3 * float(x) for x in now.location_m[c, :2]), float(now.contact_force_N[c])]
+        return [now.contacts, *place, now.force_N, *each, *volumes, 1e9 * now.residual]
 
     def forces(self, now, state):
         """At its place on the body at rest, along the direction in which the contact pushes."""

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 
 from softfuse.config.build_device import build_limits, build_step_settings
 from softfuse.config.build_finger_sensors import build_finger_sensors
+from softfuse.config.build_mutual import build_mutual_senses
 from softfuse.config.build_sensors import build_sensors
 from softfuse.config.contact import DiscSettings, PatchSettings
 from softfuse.config.device import DeviceConfig
@@ -11,6 +12,7 @@ from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.estimation.tracker import Tracker, TrackerSettings
 from softfuse.sensing.finger_senses import FingerSenses
+from softfuse.sensing.mutual_senses import MutualSenses
 from softfuse.sensing.pad_senses import PadSenses, fitted_location, mean_location
 from softfuse.sensing.senses import AbstractSenses
 
@@ -24,7 +26,9 @@ def build_senses(config: DeviceConfig) -> AbstractSenses:
     """
     if config.sensors is None:
         raise ConfigError(f"{config.path}: sensors: missing, needed to estimate from a recording")
-    return _finger_senses(config) if config.sensors.vented is None else _pad_senses(config)
+    if config.sensors.vented is None:
+        return _finger_senses(config)
+    return build_mutual_senses(config) if config.sensors.grid else _pad_senses(config)
 
 
 def _pad_senses(config: DeviceConfig) -> PadSenses:
@@ -69,7 +73,7 @@ def build_tracker(config: DeviceConfig, device: Device) -> Tracker:
     Raises ConfigError when the config has no sensors or no contact.
     """
     senses = build_senses(config)
-    contacts = senses.contacts if isinstance(senses, FingerSenses) else 1
+    contacts = senses.contacts if isinstance(senses, FingerSenses | MutualSenses) else 1
     limits = build_limits(config, contacts)
     settings = TrackerSettings(config.estimator.poor_fit)
     return Tracker(senses, device, limits, settings, build_step_settings(config))

@@ -51,10 +51,11 @@ class ContactSettings(Settings):
 
 
 class DiscSettings(ContactSettings):
-    """A disc that pushes along direction (3,) anywhere in the workspace."""
+    """Discs that push along direction (3,) anywhere in the workspace; at most max_contacts at once."""
 
     direction: Direction
     workspace: Workspace
+    max_contacts: PositiveInteger = 1
 
     @staticmethod
     @abstractmethod

@@ -14,7 +14,7 @@ from softfuse.config.attached import (
     PointSettings,
 )
 from softfuse.config.body import BodySettings
-from softfuse.config.contact import AnyContact, PatchSettings
+from softfuse.config.contact import AnyContact, DiscSettings, PatchSettings
 from softfuse.config.quantity import (
     Integer,
     Number,
@@ -107,6 +107,13 @@ class DeviceConfig(FileSettings):
                 'electrodes tell which "patch" is pressed, crossed lines where a "punch" or "uniform" is: '
                 "change model, or the sensors",
                 key="contact.model",
+            )
+        most = self.sensors.grid.touches if self.sensors.grid else 1
+        if isinstance(self.contact, DiscSettings) and self.contact.max_contacts > most:
+            raise wrong_value(
+                f"{self.contact.max_contacts} contacts at once, but the electrodes tell {most}: "
+                "crossed lines find one, a grid ([sensors.mutual]) as many as its touches",
+                key="contact.max_contacts",
             )
         return self
 

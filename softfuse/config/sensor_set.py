@@ -1,13 +1,15 @@
 """The sensors of a device: a pair that measures deformation and finds contacts, and what there is besides.
 
-Flow sensors on vented cavities go with crossed lines of electrodes, pressure sensors on sealed cavities with
-single electrodes, because a flow's zero is taken by the one's touch and a pressure's zero by the other's.
+Flow sensors on vented cavities go with crossed lines of electrodes or a grid of mutual capacitances,
+pressure sensors on sealed cavities with single electrodes, because a flow's zero is taken by the one's touch
+and a pressure's zero by the other's.
 """
 
 from typing import Self, TypeVar
 
 from pydantic import Field, model_validator
 
+from softfuse.config.mutual import MutualSettings
 from softfuse.config.quantity import wrong_value
 from softfuse.config.sealed_sensors import CableLengthSettings, ElectrodeSettings, PressureSettings
 from softfuse.config.sensors import CapacitiveSettings, FlowSettings
@@ -16,18 +18,19 @@ from softfuse.errors import ConfigError
 
 _S = TypeVar("_S", bound=Settings)
 
-_PAIRS = (("flow", "capacitive"), ("pressure", "electrodes"))
+_PAIRS = (("flow", "capacitive"), ("flow", "mutual"), ("pressure", "electrodes"))
 
 
 class SensorSettings(FileSettings):
-    """All sensors of the device: flow and capacitive, or pressure and electrodes and perhaps cable.
+    """All sensors of the device: flow and capacitive or mutual, or pressure and electrodes and perhaps cable.
 
-    `vented`, `crossed`, `sealed`, `single` are None for the pair that the device does not have; `flow`,
-    `capacitive`, `pressure`, `electrodes` are for those who need it.
+    `vented`, `crossed`, `grid`, `sealed`, `single` are None for those that the device does not have; `flow`,
+    `capacitive`, `mutual`, `pressure`, `electrodes` are for those who need it.
     """
 
     vented: FlowSettings | None = Field(default=None, alias="flow")
     crossed: CapacitiveSettings | None = Field(default=None, alias="capacitive")
+    grid: MutualSettings | None = Field(default=None, alias="mutual")
     sealed: PressureSettings | None = Field(default=None, alias="pressure")
     single: ElectrodeSettings | None = Field(default=None, alias="electrodes")
     cable: CableLengthSettings | None = None
@@ -41,6 +44,11 @@ class SensorSettings(FileSettings):
     def capacitive(self) -> CapacitiveSettings:
         """The crossed electrodes; raises ConfigError when the device has none."""
         return self._given(self.crossed, "capacitive")
+
+    @property
+    def mutual(self) -> MutualSettings:
+        """The grid of mutual capacitances; raises ConfigError when the device has none."""
+        return self._given(self.grid, "mutual")
 
     @property
     def pressure(self) -> PressureSettings:
@@ -66,9 +74,11 @@ class SensorSettings(FileSettings):
     def groups(self) -> tuple[tuple[tuple[str, ...], float], ...]:
         """Columns of each group of readings in the order of the device's senses, and their unit in SI.
 
-        Flow [V], rows and columns [counts]; or pressures [V], their supply [V], electrodes [counts], cables,
-        which are recorded in mm.
+        Flow [V], rows and columns or cells [counts]; or pressures [V], their supply [V], electrodes
+        [counts], cables, which are recorded in mm.
         """
+        if self.vented and self.grid:
+            return (self.vented.channels, 1.0), (self.grid.channels, 1.0)
         if self.vented:
             crossed = self.capacitive
             return (self.vented.channels, 1.0), (crossed.row_channels, 1.0), (crossed.column_channels, 1.0)
@@ -91,8 +101,8 @@ class SensorSettings(FileSettings):
         pair = self._keys - {"cable"}
         if pair not in [set(each) for each in _PAIRS]:
             raise wrong_value(
-                "give either [sensors.flow] and [sensors.capacitive], or [sensors.pressure] and "
-                f"[sensors.electrodes]; there is {_listing(pair)}"
+                "give either [sensors.flow] and [sensors.capacitive] or [sensors.mutual], or "
+                f"[sensors.pressure] and [sensors.electrodes]; there is {_listing(pair)}"
             )
         if self.cable and self.vented:
             raise wrong_value("goes with [sensors.pressure] and [sensors.electrodes] only", key="cable")
@@ -117,5 +127,5 @@ class SensorSettings(FileSettings):
 
 
 def _listing(keys: set[str]) -> str:
-    order = [key for pair in _PAIRS for key in pair]
+    order = ("flow", "capacitive", "mutual", "pressure", "electrodes")
     return " and ".join(f"[sensors.{key}]" for key in order if key in keys) or "neither"

@@ -184,17 +184,21 @@ def _lag_deviation(sensor: FlowSensor, state: FlowState) -> tuple[Float[Array, "
 
 
 def flow_evidence(sensor: FlowSensor, state: FlowState) -> Float[Array, ""]:
+    """That of `squeeze_evidence`, but 0 during a touch and within the hold-off after it."""
+    return jnp.where(state.released_s > sensor.hold_off_s, squeeze_evidence(sensor, state), 0.0)
+
+
+def squeeze_evidence(sensor: FlowSensor, state: FlowState) -> Float[Array, ""]:
     """Deviation from zero of the mean flow over the lag, in standard deviations, if it tells of a squeeze.
 
-    Returns: the largest outflow of a channel, and 0 when a channel's inflow is larger still (a release
-    squeezes no cavity, though it moves air out of the neighbours) or within the hold-off after a release.
+    Returns: the largest outflow of a channel, and 0 when a channel's inflow is larger still: a release
+    squeezes no cavity, though it moves air out of the neighbours.
     """
     variance = zero_variance(state.zero) + sensor.drift.noise_V**2 / sensor.lag
     mean = jnp.mean(state.lag_V, axis=0) - state.zero.bias_V - state.zero.wander_V
     outflow = jnp.max(mean / jnp.sqrt(variance))
     inflow = jnp.max(-mean / jnp.sqrt(variance))
-    counts = (outflow > inflow) & (state.released_s > sensor.hold_off_s)
-    return jnp.where(counts, outflow, 0.0)
+    return jnp.where(outflow > inflow, outflow, 0.0)
 
 
 def _push(

@@ -89,8 +89,8 @@ def test_frames_come_again_soon_and_none_are_made_up(frames: tuple[np.ndarray, .
     gaps = np.diff(time_s)
     outages = gaps[gaps > 0.5 * AWAY_S]
     assert len(outages) == 3 and outages.min() > AWAY_S - 0.1 and outages.max() < AWAY_S + BACK_S
-    # Each frame is a sample of its own. Their times are true but for where they began, and for a few, until the
-    # least delay of a line on a busy computer has shown itself.
+    # Each frame is a sample of its own. Their times are true but for where they began, and for a few, until
+    # the least delay of a line on a busy computer has shown itself.
     assert np.all(np.diff(electrode) > 0.5 / RATE_HZ)
     early, late = np.quantile(time_s - electrode, [0.05, 0.95])
     assert late - early < 0.02

@@ -271,7 +271,10 @@ LINES = (
 def test_sensors_come_in_pairs(write_finger: Write, finger_text: str, sensors: str, told: str) -> None:
     given = finger_text[finger_text.index("[sensors.pressure]") : finger_text.index("[estimator]")]
     path = write_finger((given, sensors))
-    pairs = "[sensors.flow] and [sensors.capacitive], or [sensors.pressure] and [sensors.electrodes]"
+    pairs = (
+        "[sensors.flow] and [sensors.capacitive] or [sensors.mutual], "
+        "or [sensors.pressure] and [sensors.electrodes]"
+    )
     with pytest.raises(ConfigError) as caught:
         load(path)
     assert str(caught.value) == f"{path}: {told.format(pairs)}"
