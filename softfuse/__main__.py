@@ -1,5 +1,6 @@
 """`python -m softfuse` is the command `softfuse`."""
 
-from softfuse.cli.app import main
+from softfuse.cli import main
 
-main()
+if __name__ == "__main__":
+    main()

@@ -27,6 +27,7 @@ ALLOWED: dict[str, set[str]] = {
     "hardware": set(LINE),
     "config": {*LINE, *ENDS},
     "cli": {*LINE, *ENDS, "hardware", "config"},
+    "__main__": {"cli"},
     "errors": set(),
     "": set(),
 }
