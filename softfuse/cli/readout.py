@@ -71,11 +71,11 @@ class PadReadout(AbstractReadout):
     def __init__(self, config: DeviceConfig):
         """The columns of a pad."""
         volumes = [Column(f"dV{k}_mm3", 3) for k in range(len(config.cavities))]
-        place = [Column("x_mm", 3), Column("y_mm", 3), Column("force_N", 4)]
+        place = [Column(what, digits) for what, digits in _OF_DISC]
         assert isinstance(config.contact, DiscSettings)  # crossed electrodes and grids go with no other
         most = config.contact.max_contacts
         self._several = range(most if most > 1 else 0)
-        each = [Column(f"contact{c}_{what}", n) for c in self._several for what, n in _OF_DISC]
+        each = [Column(f"contact{c}_{what}", digits) for c in self._several for what, digits in _OF_DISC]
         self._columns = (Column("contacts", 0), *place, *each, *volumes, Column("residual", 3))
         self._direction = np.array(config.contact.direction)
 
