@@ -79,6 +79,9 @@ class LiveDisplay:
                 f"{lost.restarted} restarts, clock {clock.drift_ppm:+.0f} ppm, "
                 f"jitter {1e3 * clock.jitter_s:.1f} ms",
             )
+        for source, found in enumerate(besides_samples(report)):
+            if found:
+                table.add_row(f"source {source}", found, style="yellow")
         if report.recorder_lost:
             table.add_row("not recorded", f"{report.recorder_lost} entries", style="red")
         if report.missing:
@@ -89,6 +92,14 @@ class LiveDisplay:
     def _line(notice: Notice) -> Text:
         where = "" if notice.source is None else f"source {notice.source}: "
         return Text(printable(where + notice.text), style=_COLOURS[notice.level])
+
+
+def besides_samples(report: SessionReport) -> list[str]:
+    """What else came from each source, CRC failures and the like, in words; empty where nothing did."""
+    return [
+        ", ".join(f"{count} {what}" for what, count in counts.items() if count and what != "samples")
+        for counts in report.line_counts
+    ]
 
 
 def latency(report: SessionReport) -> str:

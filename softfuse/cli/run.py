@@ -10,7 +10,7 @@ import typer
 from rich.live import Live
 
 from softfuse.cli.interruption import termination_interrupts
-from softfuse.cli.live_display import LiveDisplay, latency
+from softfuse.cli.live_display import LiveDisplay, besides_samples, latency
 from softfuse.cli.live_parts import estimating
 from softfuse.cli.live_picture import Pictures, scene_of
 from softfuse.cli.sources import connection_of, driver_of, session_info, sources_at
@@ -136,6 +136,7 @@ def _tell(report: SessionReport, record: Path | None) -> None:
             f"source {device.source}, device {device.device}: {device.samples.fresh} samples, "
             f"{device.samples.lost} lost, {device.samples.late} late, {device.samples.duplicated} twice"
         )
+    lines += [f"source {k}: {found}" for k, found in enumerate(besides_samples(report)) if found]
     if report.missing:
         lines.append(f"channels that never came: {', '.join(report.missing)}")
     if record is not None:

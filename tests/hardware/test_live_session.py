@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from softfuse.cli.live_display import besides_samples
 from softfuse.estimation.tracker import Tracked
 from softfuse.hardware.live.assembler import Assembled
 from softfuse.hardware.live.pipeline import Pipeline
@@ -106,6 +107,23 @@ def test_what_a_slow_estimator_never_saw_is_counted_and_recorded(tmp_path: Path)
     assert again.sensed == follower.sensed and again.estimated == follower.estimated
     assert replay.comparison == Comparison(report.estimated, report.estimated, None)
     assert report.latency_p50_s >= 0.2
+
+
+def test_what_was_wrong_with_the_bytes_is_counted_and_told() -> None:
+    session = session_of(Follower(0.0), [])
+    session.start()
+    for k, chunk in enumerate(chunks(50)):
+        data = bytearray(chunk.data)
+        if k in (10, 20):
+            data[-4] ^= 0x10
+        session.receive(Chunk(0, chunk.host_s, bytes(data)))
+    session.stop()
+    report = session.report
+    assert report.frames == 48 and report.devices[0].samples.lost == 2
+    failures = report.line_counts[0]["CRC failures"] + report.line_counts[0]["COBS failures"]
+    assert failures == 2
+    (told,) = besides_samples(report)
+    assert "failures" in told and "samples" not in told
 
 
 def test_a_fault_ends_the_session_and_is_raised() -> None:

@@ -58,9 +58,10 @@ class Pipeline:
             for (source, device), seen in list(self._devices.items())
         ]
 
-    def counts(self, source: int) -> Mapping[str, int]:
-        """What became of the bytes of a source."""
-        return self._drivers[source].counts
+    @property
+    def counts(self) -> list[Mapping[str, int]]:
+        """What became of the bytes of each source, by what people call it."""
+        return [driver.counts for driver in self._drivers]
 
     def take_requests(self, source: int) -> bytes:
         """What the last chunks of a source ask to be sent to it now."""

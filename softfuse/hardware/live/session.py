@@ -49,7 +49,8 @@ class SessionReport:
     """What a session has done so far.
 
     `frames`: assembled; `sensed`, `estimated`: of these; `overruns`: frames that the estimator never saw;
-    `recorder_lost`: entries that are in no file; latencies [s] from the last byte to the estimate.
+    `recorder_lost`: entries that are in no file; latencies [s] from the last byte to the estimate;
+    `line_counts`: what became of the bytes of each source, CRC failures and the like.
     """
 
     frames: int
@@ -62,6 +63,7 @@ class SessionReport:
     latency_p99_s: float
     latency_max_s: float
     devices: tuple[DeviceReport, ...]
+    line_counts: tuple[Mapping[str, int], ...]
     missing: tuple[str, ...]
 
 
@@ -151,6 +153,7 @@ class Session:
             self._latencies.quantile_s(0.99),
             self._latencies.largest_s,
             tuple(self._pipeline.devices),
+            tuple(self._pipeline.counts),
             tuple(self._pipeline.missing),
         )
 
