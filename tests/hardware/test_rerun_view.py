@@ -2,8 +2,10 @@
 
 import io
 import socket
+import subprocess
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +39,24 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
+
+
+def listened(port: int) -> bool:
+    try:
+        socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+    except OSError:
+        return False
+    return True
+
+
+def within(seconds: float, true: Callable[[], bool]) -> bool:
+    """Whether it becomes true within so many seconds."""
+    deadline = time.monotonic() + seconds
+    while not true():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.05)
+    return True
 
 
 @pytest.fixture(scope="module")
@@ -141,6 +161,22 @@ def test_closing_it_ends_the_server(scene: Scene) -> None:
     view.close()
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection(("127.0.0.1", page), timeout=5.0)
+
+
+def test_killed_at_once_it_leaves_no_server() -> None:
+    page = free_port()
+    code = (
+        "import sys, time\n"
+        "from softfuse.hardware.live.viewer_process import start_viewer\n"
+        "page, stream = sys.argv[1:]\n"
+        "where = ['--bind', '127.0.0.1', '--web-viewer-port', page, '--port', stream]\n"
+        "start_viewer(['--serve-web', *where])\n"
+        "time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", code, str(page), str(free_port())]) as program:
+        assert within(20.0, lambda: listened(page))
+        program.kill()
+    assert within(10.0, lambda: not listened(page))
 
 
 def test_a_port_in_use_is_told(scene: Scene) -> None:

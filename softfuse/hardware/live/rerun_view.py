@@ -5,10 +5,7 @@ slow viewer, or none at all, never holds anything up: it only sees fewer picture
 process of Rerun's own that listens on the loopback interface alone, unless another address is given.
 """
 
-import os
-import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Mapping
@@ -20,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from softfuse.errors import HardwareError
+from softfuse.hardware.live.viewer_process import end_viewer, start_viewer
 from softfuse.hardware.stream import Notice
 
 if TYPE_CHECKING:
@@ -133,7 +131,7 @@ class RerunView:
             self._stream.flush(timeout_sec=5.0)
             self._stream.disconnect()
         if self._server is not None:
-            _end(self._server)
+            end_viewer(self._server)
 
     def _run(self) -> None:
         while True:
@@ -230,30 +228,16 @@ def _serve(bind: str, page_port: int, stream_port: int) -> tuple[Server, "subpro
     shown = LOOPBACK if bind in ("0.0.0.0", "::") else bind
     if _listens(shown, page_port) or _listens(shown, stream_port):
         raise HardwareError(f"{busy}: another program does, such as another live view; choose other ports")
-    command = [sys.executable, "-m", "rerun", "--serve-web", "--bind", bind, "--port", str(stream_port)]
-    command += ["--web-viewer-port", str(page_port), "--server-memory-limit", MEMORY]
-    process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
-    )
+    ports = ["--port", str(stream_port), "--web-viewer-port", str(page_port)]
+    process = start_viewer(["--serve-web", "--bind", bind, *ports, "--server-memory-limit", MEMORY])
     stream = f"rerun+http://{shown}:{stream_port}/proxy"
     deadline = time.monotonic() + _STARTS_WITHIN_S
     while not (_listens(shown, page_port) and _listens(shown, stream_port)):
         if process.poll() is not None or time.monotonic() > deadline:
-            _end(process)
+            end_viewer(process)
             raise HardwareError(f"{busy}: is the address one of this computer's?")
         time.sleep(0.05)
     return Server(f"http://{shown}:{page_port}/?url={stream.replace('+', '%2B')}", stream), process
-
-
-def _end(server: "subprocess.Popen[bytes]") -> None:
-    """End the server and the program that it has started, which is another process."""
-    try:
-        os.killpg(server.pid, signal.SIGTERM)
-    except ProcessLookupError:
-        pass  # it has ended by itself
-    except AttributeError:  # on Windows there are no groups of processes
-        server.terminate()
-    server.wait(10.0)
 
 
 def _listens(address: str, port: int) -> bool:
