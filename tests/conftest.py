@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
+from softfuse.experiment.mutual_field import Thing
 from softfuse.experiment.mutual_figures import image_of
-from softfuse.experiment.virtual_mutual import MutualBed, Thing
+from softfuse.experiment.virtual_mutual import MutualBed
 from softfuse.sensing.mutual_model import MutualModel, mutual_model
 
 jax.config.update("jax_enable_x64", True)
@@ -68,13 +69,13 @@ def calibrated_grid() -> Callable[[MutualBed, float], MutualModel]:
     """calibrated_grid(bed, radius): a grid's drawing, and touches of a finger on and between its cells."""
 
     def calibrated(bed: MutualBed, radius: float) -> MutualModel:
-        x, y = bed.column_x, bed.row_y
+        x, y = bed.field.column_x, bed.field.row_y
         half = 0.5 * (x[1] - x[0])
         on = [(a, b) for a in x for b in y]
         along_x = [(a + half, b) for a in x[:-1] for b in y[::2]]
         between = along_x + [(a, b + half) for a in x[::2] for b in y[:-1]]
-        width = 2 * bed.half_width
-        drawn = mutual_model(x, y, electrode_width_m=width, depth_m=bed.depth, finger_radius_m=radius)
+        width = 2 * bed.field.half_width
+        drawn = mutual_model(x, y, electrode_width_m=width, depth_m=bed.field.depth, finger_radius_m=radius)
 
         def touches(places: list[tuple[float, float]], force: float) -> KnownTouches:
             things = [Thing(at, force=force, radius=radius) for at in places]

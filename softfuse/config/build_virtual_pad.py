@@ -8,15 +8,27 @@ import numpy as np
 from softfuse.config.body import PadSource
 from softfuse.config.contact import DiscSettings
 from softfuse.config.device import DeviceConfig
+from softfuse.config.mutual import MutualSettings
+from softfuse.config.sensor_set import SensorSettings
+from softfuse.config.sensors import CapacitiveSettings
 from softfuse.errors import ConfigError
 from softfuse.experiment.channel_electronics import ChannelElectronics
+from softfuse.experiment.electrode_electronics import (
+    AbstractElectrodeElectronics,
+    CellElectronics,
+    LineElectronics,
+)
+from softfuse.experiment.flow_electronics import FlowElectronics
 from softfuse.experiment.kept_poses import kept_pad_touches
+from softfuse.experiment.mutual_field import MutualField
+from softfuse.experiment.pad_electrodes import AbstractPadElectrodes, GridElectrodes, LineElectrodes
 from softfuse.experiment.pad_electronics import PadElectronics
 from softfuse.experiment.pad_field import CrossedLines, FieldSettings
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_pad import PadSettings, Touch
 from softfuse.mesh.pad import PadGeometry
+from softfuse.sensing.mutual_model import mean_pitch
 
 _PLACES = ((0.6, 0.5), (-0.5, 0.1), (0.1, -0.7), (-0.8, -0.8))
 """From the middle of the workspace to its ends (±1)."""
@@ -24,8 +36,11 @@ _PLACES = ((0.6, 0.5), (-0.5, 0.1), (0.1, -0.7), (-0.8, -0.8))
 _LEVELS = (0.2, 0.4, 0.6)
 """Forces, as parts of the largest that the contact is made for."""
 
-_GAPS_M = (0.0, 0.25e-3, 0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3, 14e-3, 25e-3)
-"""Heights of the punch at which the electrodes are computed; it waits at the last."""
+_LINE_GAPS_M = (0.0, 0.25e-3, 0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3, 14e-3, 25e-3)
+_GRID_GAPS_M = (*_LINE_GAPS_M, 40e-3, 60e-3)
+"""Heights of the punch at which the electrodes are computed; it waits at the last, where a grid's wide lines,
+that see further, lose no more than noise.
+"""
 
 _SURFACE, _BASE = 0.175, 0.2
 """Longest edge of the mesh at the top, and of the grid under it, as parts of the pad's length."""
@@ -36,7 +51,8 @@ class PadPlan:
     """What is to be computed, and how it is read."""
 
     settings: PadSettings
-    lines: CrossedLines
+    array: AbstractPadElectrodes
+    gaps: tuple[float, ...]
     touches: tuple[Touch, ...]
     parts: PadElectronics
     flows: tuple[str, ...]
@@ -44,8 +60,7 @@ class PadPlan:
 
     def programme(self, folder: Path | None) -> Programme:
         """The programme of all touches; see `build_virtual`."""
-        field = FieldSettings(radius=self.settings.radius)
-        found = kept_pad_touches(folder, self.settings, self.lines, field, self.touches, _GAPS_M)
+        found = kept_pad_touches(folder, self.settings, self.array, self.touches, self.gaps)
         return pad_programme(found, PadTiming(), self.parts, self.flows, self.electrodes)
 
     def electronics(self, seed: int) -> ChannelElectronics:
@@ -61,7 +76,8 @@ def pad_plan(config: DeviceConfig, source: PadSource, shear_modulus: float, pois
     assert sensors is not None
     if not isinstance(contact, DiscSettings) or not np.allclose(contact.direction, (0.0, 0.0, -1.0)):
         raise ConfigError(f"{config.path}: contact: a virtual pad is pressed by a disc along [0, 0, -1]")
-    flow, array = sensors.flow, sensors.capacitive
+    flow = sensors.flow
+    electrodes = _electrodes(sensors, contact.radius)
     centres = [cavity.centre for cavity in config.cavities]
     drawing = PadGeometry(
         size=source.size,
@@ -83,14 +99,45 @@ def pad_plan(config: DeviceConfig, source: PadSource, shear_modulus: float, pois
             base_size=_BASE * length,
             radius=contact.radius,
         ),
-        CrossedLines(array.row_y, array.column_x, array.row_depth, array.column_depth),
+        electrodes.array,
+        electrodes.gaps,
         tuple(Touch((float(x), float(y)), forces) for x, y in places),
         PadElectronics(
-            zero_V=flow.zero,
-            sensitivity_Vs_m3=flow.sensitivity,
-            flow_noise_V=flow.noise,
-            line_noise_counts=array.noise_counts,
+            FlowElectronics(zero_V=flow.zero, sensitivity_Vs_m3=flow.sensitivity, noise_V=flow.noise),
+            electrodes.converters,
         ),
         flow.channels,
-        (*array.row_channels, *array.column_channels),
+        electrodes.channels,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Electrodes:
+    """Electrodes, the gaps [m] at which they are computed, what reads them, and their channels."""
+
+    array: AbstractPadElectrodes
+    gaps: tuple[float, ...]
+    converters: AbstractElectrodeElectronics
+    channels: tuple[str, ...]
+
+
+def _electrodes(sensors: SensorSettings, radius: float) -> _Electrodes:
+    """Those of the config, under a punch of a radius [m]."""
+    match sensors.crossed or sensors.mutual:
+        case CapacitiveSettings() as crossed:
+            lines = CrossedLines(crossed.row_y, crossed.column_x, crossed.row_depth, crossed.column_depth)
+            return _Electrodes(
+                LineElectrodes(lines, FieldSettings(radius=radius)),
+                _LINE_GAPS_M,
+                LineElectronics(noise_counts=crossed.noise_counts),
+                (*crossed.row_channels, *crossed.column_channels),
+            )
+        case MutualSettings() as grid:
+            width = grid.shape.electrode_width or mean_pitch(grid.column_x, grid.row_y)
+            field = MutualField(grid.column_x, grid.row_y, half_width=0.5 * width, depth=grid.shape.depth)
+            return _Electrodes(
+                GridElectrodes(field, radius),
+                _GRID_GAPS_M,
+                CellElectronics(noise_counts=grid.noise_counts),
+                grid.channels,
+            )

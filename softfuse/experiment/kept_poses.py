@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from softfuse.experiment.finger_pushes import FingerSolver, Pose, Push, Steps
-from softfuse.experiment.pad_field import CrossedLines, FieldSettings
+from softfuse.experiment.pad_electrodes import AbstractPadElectrodes
 from softfuse.experiment.pad_touches import PadTouches, pad_touches
 from softfuse.experiment.pose_cache import kept, settings_digest
 from softfuse.experiment.virtual_finger import FingerSettings, virtual_finger
@@ -17,8 +17,7 @@ from softfuse.experiment.virtual_pad import PadSettings, Touch
 def kept_pad_touches(
     folder: Path | None,
     settings: PadSettings,
-    lines: CrossedLines,
-    field: FieldSettings,
+    electrodes: AbstractPadElectrodes,
     touches: Sequence[Touch],
     gaps: Sequence[float],
     *,
@@ -28,10 +27,10 @@ def kept_pad_touches(
     names = frozenset(field.name for field in fields(PadTouches))
 
     def compute() -> Mapping[str, np.ndarray]:
-        found = pad_touches(settings, lines, field, touches, gaps, solved=solved)
+        found = pad_touches(settings, electrodes, touches, gaps, solved=solved)
         return {name: getattr(found, name) for name in names}
 
-    digest = settings_digest(settings, lines, field, tuple(touches), tuple(gaps))
+    digest = settings_digest(settings, electrodes, tuple(touches), tuple(gaps))
     return PadTouches(**kept(folder, f"pad-{digest}", names, compute))
 
 

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.experiment.figures import blank
-from softfuse.experiment.virtual_mutual import MutualBed, Thing
+from softfuse.experiment.mutual_field import Thing
+from softfuse.experiment.virtual_mutual import MutualBed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,11 +28,11 @@ FIG_11: Mapping[str, tuple[Thing, ...]] = {
 def image_of(bed: MutualBed, things: Sequence[Thing], rest_s: float = 1.0) -> Float[np.ndarray, "c r"]:
     """Counts (c, r) under some things above their mean in a rest of rest_s [s] before, at 100 Hz."""
     time = 0.01 * np.arange(int(round(100 * rest_s)) + 1)
-    change = np.zeros((len(time), len(bed.column_x), len(bed.row_y)))
-    change[-1] = bed.change(things)
+    change = np.zeros((len(time), len(bed.field.column_x), len(bed.field.row_y)))
+    change[-1] = bed.field.change(things)
     counts = bed.counts_of(time, change)
     signal = counts[-1] - counts[:-1].mean(axis=0)
-    return signal.reshape(len(bed.row_y), len(bed.column_x)).T
+    return signal.reshape(len(bed.field.row_y), len(bed.field.column_x)).T
 
 
 def signed_image(
@@ -44,7 +45,7 @@ def signed_image(
 def fig_11(bed: MutualBed, cases: Mapping[str, Sequence[Thing]] = FIG_11) -> "Figure":
     """The images of some cases from a virtual array, with circles where the things are."""
     images = {name: image_of(bed, things) for name, things in cases.items()}
-    return signed_images(images, 1e3 * np.array(bed.column_x), 1e3 * np.array(bed.row_y), cases)
+    return signed_images(images, 1e3 * np.array(bed.field.column_x), 1e3 * np.array(bed.field.row_y), cases)
 
 
 def signed_images(

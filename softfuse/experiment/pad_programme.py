@@ -7,7 +7,7 @@ In between the equilibria of `PadTouches` values are monotone cubics of the forc
 
     Q_k = −dV_k/dt = −(dV_k/dF) dF/dt,      volts = zero + sensitivity · Q_k,
 
-and counts are proportional to capacitance on top of what wires and chip have. Truth, for evaluation only:
+and counts are those that `electrode_electronics` make of what the electrodes say. Truth, for evaluation only:
 
 | column | what |
 |---|---|
@@ -64,13 +64,13 @@ def pad_programme(
     timing: PadTiming,
     electronics: PadElectronics,
     flow_channels: tuple[str, ...],
-    line_channels: tuple[str, ...],
+    electrode_channels: tuple[str, ...],
 ) -> Programme:
-    """What flow sensors (k) and lines (e), rows first, say during the touches; channels in this order."""
+    """What flow sensors (k) and electrodes (e) say during the touches; channels in this order."""
     rows = _rows(touches, timing)
     count, cavities = len(rows.touch), touches.volume.shape[2]
     volume, slope, depth = np.zeros((count, cavities)), np.zeros((count, cavities)), -rows.gap
-    lines = np.zeros((count, touches.near.shape[2]))
+    signal = np.zeros((count, touches.near.shape[2]))
     for t in range(len(touches.at)):
         here = rows.touch == t
         pressed, air = here & (rows.gap == 0.0), here & (rows.gap > 0.0)
@@ -78,11 +78,11 @@ def pad_programme(
         volumes = PchipInterpolator(touches.force[t], touches.volume[t])
         volume[pressed], slope[pressed] = volumes(force), volumes.derivative()(force)
         depth[pressed] = PchipInterpolator(touches.force[t], touches.depth[t])(force)
-        lines[pressed] = PchipInterpolator(touches.force[t], touches.pressed[t])(force)
+        signal[pressed] = PchipInterpolator(touches.force[t], touches.pressed[t])(force)
         following = (t + 1) % len(touches.at)
         on_way = rows.moved[air, None]
-        lines[air] = (1.0 - on_way) * PchipInterpolator(touches.gap, touches.near[t])(gap)
-        lines[air] += on_way * PchipInterpolator(touches.gap, touches.near[following])(gap)
+        signal[air] = (1.0 - on_way) * PchipInterpolator(touches.gap, touches.near[t])(gap)
+        signal[air] += on_way * PchipInterpolator(touches.gap, touches.near[following])(gap)
     flow = -slope * rows.rate[:, None]
     following = touches.at[(rows.touch + 1) % len(touches.at)]
     place = touches.at[rows.touch] + rows.moved[:, None] * (following - touches.at[rows.touch])
@@ -95,11 +95,10 @@ def pad_programme(
         "true_depth_mm": 1e3 * depth,
         **{f"true_dV{k}_mm3": 1e9 * volume[:, k] for k in range(cavities)},
     }
-    readings = np.concatenate([electronics.volts(flow), electronics.counts(lines)], axis=1)
     return Programme(
         1.0 / timing.rate_Hz,
-        (*flow_channels, *line_channels),
-        readings,
+        (*flow_channels, *electrode_channels),
+        electronics.readings(flow, signal),
         truth,
         frozenset({"press", "sample"}),
     )

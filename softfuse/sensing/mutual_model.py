@@ -108,11 +108,11 @@ def mutual_model(
     `calibration.mutual_grid` reads off touches at known places.
     """
     x, y = np.asarray(column_x_m, float), np.asarray(row_y_m, float)
-    pitch = 0.5 * (np.mean(np.diff(x)) + np.mean(np.diff(y)))
+    width = mean_pitch(x, y) if electrode_width_m is None else electrode_width_m
     return MutualModel(
         column_x_m=jnp.asarray(x),
         row_y_m=jnp.asarray(y),
-        half_width_m=jnp.asarray(0.5 * (pitch if electrode_width_m is None else electrode_width_m), float),
+        half_width_m=jnp.asarray(0.5 * width, float),
         depth_m=jnp.asarray(depth_m, float),
         finger_radius_m=jnp.asarray(finger_radius_m, float),
         contact_counts=jnp.asarray(contact_counts, float),
@@ -121,6 +121,14 @@ def mutual_model(
         noise_counts=jnp.asarray(noise_counts, float),
         model_error=jnp.asarray(model_error, float),
     )
+
+
+def mean_pitch(
+    column_x_m: Float[ArrayLike, " c"] | Sequence[float], row_y_m: Float[ArrayLike, " r"] | Sequence[float]
+) -> float:
+    """Mean distance [m] of neighbours among columns at column_x_m (c,) and among rows at row_y_m (r,) [m]."""
+    pitches = [np.mean(np.diff(np.asarray(lines, float))) for lines in (column_x_m, row_y_m)]
+    return float(np.mean(pitches))
 
 
 def height_of(model: MutualModel, shield: Float[Array, ""]) -> Float[Array, ""]:

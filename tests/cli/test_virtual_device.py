@@ -16,8 +16,11 @@ from softfuse.cli.virtual_faults import Faults, parse_faults
 from softfuse.errors import SoftfuseError
 from softfuse.experiment import kept_poses
 from softfuse.experiment.finger_pushes import CONTACTS, Pose, Push, Steps, cable_levels, depth_levels
+from softfuse.experiment.pad_electrodes import AbstractPadElectrodes, GridElectrodes, LineElectrodes
+from softfuse.experiment.pad_field import CrossedLines
 from softfuse.experiment.pad_touches import PadTouches
 from softfuse.experiment.virtual_finger import FingerSettings
+from softfuse.experiment.virtual_pad import PadPose
 from softfuse.hardware.virtual.line_faults import LineFaults
 from softfuse.hardware.virtual.sensor_faults import DeadSensor, SensorFaults
 from softfuse.hardware.virtual.serving import Outages
@@ -29,27 +32,56 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 ASK = pack(encode(AskMessage(Header(EVERY_DEVICE, 0, 0))))
 FLOWS = [f"flow{k}_V" for k in range(4)]
 LINES = [f"{side}{k}" for side in ("row", "col") for k in range(8)]
+CELLS = [f"cell{row}{column}" for row in range(4) for column in range(4)]
 NAMES = ("row3", "flow1_V")
 
 
-def made_up_touches(settings, lines, field, touches, gaps, *, solved=None) -> PadTouches:
-    """Volumes in proportion to force, and a peak at the place on every line."""
-    del settings, field, solved
+def made_up_touches(settings, electrodes: AbstractPadElectrodes, touches, gaps, *, solved=None) -> PadTouches:
+    """Volumes in proportion to force, and electrodes that need no equilibrium."""
+    del settings, solved
     at, force = np.array([t.at for t in touches]), np.array([(0.0, *t.forces) for t in touches])
+    match electrodes:
+        case LineElectrodes():
+            near, pressed = made_up_lines(electrodes.lines, at, np.array(gaps), force.shape[1])
+        case GridElectrodes():
+            near, pressed = of_a_grid(electrodes, at, gaps, force)
+        case _:
+            raise TypeError(f"{electrodes} are not made up here")
+    return PadTouches(
+        at=at,
+        gap=np.array(gaps),
+        near=near,
+        force=force,
+        depth=1e-4 * force,
+        volume=-1e-8 * force[:, :, None] * np.ones(4),
+        pressed=pressed,
+    )
+
+
+def made_up_lines(
+    lines: CrossedLines, at: np.ndarray, gaps: np.ndarray, forces: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """A peak at the place on every line, near and pressed."""
     middles = np.concatenate([np.array(lines.row_y), np.array(lines.column_x)])
     apart = middles - np.concatenate(
         [np.repeat(at[:, 1:], 8, axis=1), np.repeat(at[:, :1], 8, axis=1)], axis=1
     )
     peak = 2e-12 * np.exp(-((apart / 10e-3) ** 2))
-    return PadTouches(
-        at=at,
-        gap=np.array(gaps),
-        near=peak[:, None] * np.exp(-np.array(gaps) / 2e-3)[:, None],
-        force=force,
-        depth=1e-4 * force,
-        volume=-1e-8 * force[:, :, None] * np.ones(4),
-        pressed=peak[:, None] * np.ones((force.shape[1], 1)),
-    )
+    return peak[:, None] * np.exp(-gaps / 2e-3)[:, None], peak[:, None] * np.ones((forces, 1))
+
+
+def of_a_grid(
+    electrodes: GridElectrodes, at: np.ndarray, gaps, force: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What the grid really says, near and pressed: it takes no more than the force from an equilibrium."""
+    places = [(float(x), float(y)) for x, y in at]
+    near = np.array([[electrodes.near(place, gap) for gap in gaps] for place in places])
+    poses = [[PadPose(float(f), 0.0, np.zeros(4), np.zeros((0, 3))) for f in forces] for forces in force]
+    pressed = [
+        [electrodes.pressed(place, pose, electrodes.points) for pose in each]
+        for place, each in zip(places, poses, strict=True)
+    ]
+    return near, np.array(pressed)
 
 
 class MadeUpFinger:
@@ -145,6 +177,68 @@ def test_a_pad_sends_the_channels_of_its_configuration(
     times = np.array([float(row["time_s"]) for row in rows])
     assert abs(times[-1] - time.time()) < 10 and len(times) == pytest.approx(150, abs=30)
     np.testing.assert_allclose(np.diff(times), 0.01, atol=2e-6)
+
+
+def test_a_pad_with_a_grid_sends_the_channels_of_its_configuration(
+    code_of: Callable[..., int], tmp_path: Path
+) -> None:
+    link = tmp_path / "pad"
+    listener = Listener(link)
+    assert code_of("virtual-device", CONFIGS / "pad_mutual.toml", "--link", link, "--for", "1") == 0
+    values = listener.values()
+    (description,) = listener.decoder.descriptions.values()
+    assert list(description.names) == FLOWS + CELLS and description.name == "Soft Pad with Grid"
+    np.testing.assert_allclose(values[:, :4].mean(axis=0), 0.5, atol=0.01)
+    # At rest a cell reads 16 000, up to its part of 1500 and a wander.
+    assert (np.abs(values[:, 4:].mean(axis=0) - 16_000) < 1500 + 300).all()
+    assert np.ptp(values[:, 4:].mean(axis=0)) > 500
+    assert (values[:, 4:] == np.rint(values[:, 4:])).all()
+    assert 6 < values[:, 4:].std(axis=0).mean() < 12
+
+
+def test_a_grids_counts_drop_when_the_punch_is_near_and_rise_under_its_force(
+    code_of: Callable[..., int], tmp_path: Path
+) -> None:
+    link, truth = tmp_path / "pad", tmp_path / "truth.csv"
+    listener = Listener(link)
+    arguments = ["--link", link, "--rate", "max", "--for", "6", "--truth", truth]
+    assert code_of("virtual-device", CONFIGS / "pad_mutual.toml", *arguments) == 0
+    cells = listener.values()[:, 4:].reshape(-1, 4, 4)
+    with truth.open() as stream:
+        rows = list(csv.DictReader(stream))
+    sequence = np.array([number for _, number, *_ in listener.samples])[-len(cells) :]
+
+    def true(name: str) -> np.ndarray:
+        return np.array([float(row[name]) for row in rows])[sequence]
+
+    force, depth, press = (true(name) for name in ("true_force_N", "true_depth_mm", "press"))
+    lines_mm = np.array([-24.0, -8.0, 8.0, 24.0])
+    for number in range(2):
+        here = press == number
+        far, low = here & (depth < -59.0), here & (depth > -0.3) & (depth <= 0.0) & (force < 0.05)
+        firm = here & (force > 14.9)
+        assert min(far.sum(), low.sum(), firm.sum()) > 5
+        row = np.argmin(np.abs(lines_mm - np.median(true("true_y_mm")[firm])))
+        column = np.argmin(np.abs(lines_mm - np.median(true("true_x_mm")[firm])))
+        rest, light, hard = (cells[which].mean(axis=0) for which in (far, low, firm))
+        drop, rise = light - rest, hard - rest
+        assert drop.min() == drop[row, column] < -500
+        assert rise.max() == rise[row, column] > 5000
+        assert (drop < 50).all()
+
+
+def test_two_boards_of_a_pad_with_a_grid_have_the_cells_first(
+    code_of: Callable[..., int], tmp_path: Path
+) -> None:
+    listeners = [Listener(tmp_path / f"pad{k}") for k in (1, 2)]
+    arguments = ["--link", tmp_path / "pad", "--boards", "2", "--for", "0.5"]
+    assert code_of("virtual-device", CONFIGS / "pad_mutual.toml", *arguments) == 0
+    names = []
+    for listener in listeners:
+        assert listener.values().size
+        (description,) = listener.decoder.descriptions.values()
+        names.append(list(description.names))
+    assert names == [CELLS, FLOWS]
 
 
 def test_two_boards_share_the_channels(code_of: Callable[..., int], tmp_path: Path) -> None:

@@ -20,7 +20,8 @@ from softfuse.equilibrium.dense import Dense
 from softfuse.equilibrium.solution import RESULTS
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.tracker import Frame, Tracked, Tracker
-from softfuse.experiment.virtual_mutual import MutualBed, Thing
+from softfuse.experiment.mutual_field import Thing
+from softfuse.experiment.virtual_mutual import MutualBed
 from softfuse.sensing import d6f_p0001a1
 from softfuse.sensing.status import Status
 

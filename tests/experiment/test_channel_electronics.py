@@ -9,12 +9,16 @@ from softfuse.experiment.channel_electronics import (
     equal_channels,
     side_by_side,
 )
+from softfuse.experiment.electrode_electronics import CellElectronics, LineElectronics
 from softfuse.experiment.finger_electronics import Electronics
 from softfuse.experiment.finger_programme import finger_channels
+from softfuse.experiment.flow_electronics import FlowElectronics
 from softfuse.experiment.pad_electronics import PadElectronics
 from softfuse.experiment.programme import Programme
 
 TIMES = np.arange(12_000) / 100.0
+LINES = LineElectronics()
+PAD = PadElectronics(FlowElectronics(), LINES)
 
 
 def steady(*values: float) -> Programme:
@@ -70,7 +74,7 @@ def test_what_is_in_the_dead_zone_is_not_seen() -> None:
 
 
 def test_the_same_seed_says_the_same_however_it_is_read() -> None:
-    parts = PadElectronics().channels(2, 3, seed=4)
+    parts = PAD.channels(2, 3, seed=4)
     programme = steady(0.5, 0.5, 2e4, 2e4, 2e4)
     whole = Readout(programme, parts, (7, 1)).read(TIMES[:500])
     readout = Readout(programme, parts, (7, 1))
@@ -80,20 +84,37 @@ def test_the_same_seed_says_the_same_however_it_is_read() -> None:
 
 
 def test_parts_differ_by_seed_and_stay_in_their_bounds() -> None:
-    usual = PadElectronics()
-    one, same, other = (usual.channels(4, 16, seed) for seed in (1, 1, 2))
+    one, same, other = (PAD.channels(4, 16, seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.zero, same.zero)
     assert np.abs(one.zero - other.zero).min() > 0
-    assert np.abs(one.zero[:4]).max() <= usual.zero_bound_V
-    assert np.abs(one.zero[4:]).max() <= usual.parasitic_bound_counts
+    assert np.abs(one.zero[:4]).max() <= PAD.flow.zero_bound_V
+    assert np.abs(one.zero[4:]).max() <= LINES.parasitic_bound_counts
 
 
 def test_the_pads_sensors_are_those_of_their_data_sheets() -> None:
-    usual = PadElectronics()
     # 0.1 L/min reads 2.5 V, 1 pF reads 2000 counts.
-    np.testing.assert_allclose(usual.volts(np.array([[1e-4 / 60, 0.0]])), [[2.5, 0.5]])
-    np.testing.assert_allclose(usual.counts(np.array([[1e-12]])), 22_000)
-    assert usual.volts_per_code == pytest.approx(3.3 / 4096)
+    np.testing.assert_allclose(PAD.flow.volts(np.array([[1e-4 / 60, 0.0]])), [[2.5, 0.5]])
+    np.testing.assert_allclose(PAD.electrodes.counts(np.array([[1e-12]])), 22_000)
+    assert PAD.flow.volts_per_code == pytest.approx(3.3 / 4096)
+
+
+def test_cells_differ_in_rest_and_gain_and_scale_with_their_rest() -> None:
+    cells = CellElectronics(noise_counts=0.0, drift_counts=0.0, own_drift_counts=0.0)
+    parts = cells.channels(16, np.random.default_rng(3))
+    rest, gain = cells.rest_and_gain((16,), np.random.default_rng(3))
+    assert np.ptp(rest) > 1000 and 0.01 < gain.std() < 0.06
+    for change in (0.0, -0.1, 1.5):
+        (asked,) = cells.counts(np.full((1, 16), change))
+        np.testing.assert_allclose(said(parts, *asked)[0], np.rint(rest * (1 + gain * change)), atol=1)
+
+
+def test_cells_drift_as_fast_as_a_beds_do() -> None:
+    """Whose random walks gain hypot(5, 2) counts in a second."""
+    cells = CellElectronics(noise_counts=0.0)
+    drifted = said(cells.channels(300, np.random.default_rng(1)), *[16000.0] * 300)
+    for seconds in (1, 4):
+        gained = drifted[100 * seconds :: 100] - drifted[: -100 * seconds : 100]
+        assert gained.std() == pytest.approx(np.hypot(5.0, 2.0) * np.sqrt(seconds), rel=0.03)
 
 
 def test_channels_can_be_taken_and_put_side_by_side() -> None:

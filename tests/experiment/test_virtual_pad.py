@@ -7,6 +7,9 @@ import pytest
 
 from softfuse.equilibrium.sparse import SparseLU
 from softfuse.errors import ConfigError
+from softfuse.experiment.electrode_electronics import LineElectronics
+from softfuse.experiment.flow_electronics import FlowElectronics
+from softfuse.experiment.pad_electrodes import LineElectrodes
 from softfuse.experiment.pad_electronics import PadElectronics
 from softfuse.experiment.pad_field import ArrayField, CrossedLines, FieldSettings, line_panels
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
@@ -38,6 +41,7 @@ SETTINGS = PadSettings(
 PITCH = tuple(8e-3 * (k - 3.5) for k in range(8))
 LINES = CrossedLines(PITCH, PITCH, row_depth=1.5e-3, column_depth=1.0e-3)
 FIELD = FieldSettings(radius=8e-3, cuts=2, bottom_side=2e-3, around=12)
+ELECTRODES = LineElectrodes(LINES, FIELD)
 FINE = FieldSettings(radius=10e-3)
 GAPS = (0.0, 0.5e-3, 2e-3, 8e-3, 25e-3)
 FORCES = (2.0, 6.0)
@@ -46,14 +50,16 @@ PLACES = ((15 * MM, 9 * MM), (-15 * MM, 9 * MM), (0.0, 0.0))
 
 @pytest.fixture(scope="module")
 def touches() -> PadTouches:
-    return pad_touches(SETTINGS, LINES, FIELD, [Touch(at, FORCES) for at in PLACES], GAPS, plan=SparseLU.plan)
+    return pad_touches(SETTINGS, ELECTRODES, [Touch(at, FORCES) for at in PLACES], GAPS, plan=SparseLU.plan)
 
 
 @pytest.fixture(scope="module")
 def programme(touches: PadTouches) -> Programme:
     flows = tuple(f"flow{k}_V" for k in range(4))
     lines = tuple([f"row{k}" for k in range(8)] + [f"col{k}" for k in range(8)])
-    return pad_programme(touches, PadTiming(), PadElectronics(), flows, lines)
+    return pad_programme(
+        touches, PadTiming(), PadElectronics(FlowElectronics(), LineElectronics()), flows, lines
+    )
 
 
 def test_mirrored_presses_give_mirrored_readings(touches: PadTouches) -> None:
@@ -87,12 +93,12 @@ def test_errors_of_making_shift_cavities_within_their_bounds() -> None:
 
 def test_a_punch_that_overhangs_and_forces_that_fall_are_refused() -> None:
     with pytest.raises(ConfigError, match="overhangs"):
-        pad_touches(SETTINGS, LINES, FIELD, [Touch((0.03, 0.0), FORCES)], GAPS)
+        pad_touches(SETTINGS, ELECTRODES, [Touch((0.03, 0.0), FORCES)], GAPS)
     for forces in ((), (0.0,), (2.0, 1.0)):
         with pytest.raises(ConfigError, match="increase"):
             Touch((0.0, 0.0), forces)
     with pytest.raises(ConfigError, match="as many"):
-        pad_touches(SETTINGS, LINES, FIELD, [Touch((0, 0), (1.0,)), Touch((0, 0), FORCES)], GAPS)
+        pad_touches(SETTINGS, ELECTRODES, [Touch((0, 0), (1.0,)), Touch((0, 0), FORCES)], GAPS)
 
 
 def test_panels_tile_the_array_and_every_line() -> None:
@@ -167,7 +173,7 @@ def test_a_programme_presses_holds_and_lets_go(programme: Programme) -> None:
 
 
 def test_flows_integrate_to_the_volumes(programme: Programme) -> None:
-    parts = PadElectronics()
+    parts = FlowElectronics()
     flow = (programme.readings[:, :4] - parts.zero_V) / parts.sensitivity_Vs_m3
     steps = 0.5 * (flow[1:] + flow[:-1]) * programme.step_s
     volume = -1e9 * np.concatenate([np.zeros((1, 4)), np.cumsum(steps, axis=0)])

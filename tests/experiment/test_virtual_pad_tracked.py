@@ -18,6 +18,7 @@ from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
 from softfuse.estimation.tracker import Frame, Tracker
 from softfuse.experiment.channel_electronics import Readout
+from softfuse.experiment.pad_electrodes import LineElectrodes
 from softfuse.experiment.pad_field import FieldSettings
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import pad_touches
@@ -69,9 +70,11 @@ def found(config: DeviceConfig) -> Found:
     device = eqx.tree_at(lambda d: d.contact.disc.cells, build_device(config), cells)
     plan = pad_plan(config, config.body.source, SHEAR, POISSON)
     pad = replace(plan.settings, surface_size=28e-3, base_size=28e-3, growth=0.5, rims=RIMS, sectors=SECTORS)
+    assert isinstance(plan.array, LineElectrodes)
     field = FieldSettings(radius=pad.radius, cuts=3, bottom_side=2e-3)
+    electrodes = replace(plan.array, field=field)
     touches = pad_touches(
-        pad, plan.lines, field, TOUCHES, (0.0, 0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3, 25e-3), plan=SparseLU.plan
+        pad, electrodes, TOUCHES, (0.0, 0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3, 25e-3), plan=SparseLU.plan
     )
     tracker = build_tracker(config, device)
     small = [_force_of(tracker, at, volume[1]) for at, volume in zip(touches.at, touches.volume, strict=True)]

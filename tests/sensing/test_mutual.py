@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from softfuse.errors import ConfigError
-from softfuse.experiment.virtual_mutual import MutualBed, Thing
+from softfuse.experiment.mutual_field import MutualField, Thing
+from softfuse.experiment.virtual_mutual import MutualBed
 from softfuse.sensing.capacitive import capacitive_array
 from softfuse.sensing.mutual import MutualGrid, MutualReading, mutual_init, mutual_update
 from softfuse.sensing.mutual_fit import fit_sources, nothing_known, splitting
@@ -154,10 +155,15 @@ def spaced(pitch: float) -> tuple[float, ...]:
 
 OTHER_BEDS = {
     "fine": (
-        MutualBed(spaced(10 * MM), spaced(10 * MM), 3.5 * MM, 1 * MM, fringe=0.35, spacer_Pa=9e4),
+        MutualBed(
+            MutualField(spaced(10 * MM), spaced(10 * MM), 3.5 * MM, 1 * MM, fringe=0.35, spacer_Pa=9e4)
+        ),
         6 * MM,
     ),
-    "coarse": (MutualBed(spaced(20 * MM), spaced(20 * MM), 9 * MM, 3 * MM, fringe=0.15, seed=8), 10 * MM),
+    "coarse": (
+        MutualBed(MutualField(spaced(20 * MM), spaced(20 * MM), 9 * MM, 3 * MM, fringe=0.15), seed=8),
+        10 * MM,
+    ),
 }
 
 
@@ -165,7 +171,7 @@ OTHER_BEDS = {
 def test_another_grid_and_finger_need_no_more_than_touches_at_known_places(bed_name, calibrated_grid) -> None:
     bed, radius = OTHER_BEDS[bed_name]
     grid = grid_of(calibrated_grid(bed, radius))
-    pitch = bed.column_x[1] - bed.column_x[0]
+    pitch = bed.field.column_x[1] - bed.field.column_x[0]
     one, other = np.array([-0.7, -0.4]) * pitch, np.array([0.6, 0.9]) * pitch
     first = pressed(tuple(one), 0.3, 0.0, radius=radius)
     second = pressed(tuple(other), 0.5, 4.0, radius=radius)
@@ -253,7 +259,7 @@ def test_gradients_are_finite_and_those_of_the_fit(grid, model) -> None:
         settled,
         (jnp.asarray(rest.mean(axis=0)), jnp.full(16, 50)),
     )
-    under = BED.counts_of(np.zeros(1), BED.change([Thing((2 * MM, 1 * MM))])[None])[0].astype(float)
+    under = BED.counts_of(np.zeros(1), BED.field.change([Thing((2 * MM, 1 * MM))])[None])[0].astype(float)
     for counts in (rest[-1], under):
         assert np.all(np.isfinite(jax.jit(jax.grad(total))(jnp.asarray(counts))))
 
