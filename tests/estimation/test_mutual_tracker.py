@@ -39,14 +39,14 @@ COARSE = (
 MM = 1e-3
 ONE, OTHER = np.array([-14.0, -19.0]), np.array([18.0, 12.0])
 FORCES_N = (3.0, 4.0)
-TIME = 0.01 * np.arange(540)
+TIME = 0.01 * np.arange(740)
 
 
 def heights_and_forces() -> tuple[np.ndarray, np.ndarray]:
-    """Of both fingers (n, 2) in m and N: one stays; the other hovers at 5 mm, touches, presses and leaves."""
+    """Of both fingers (n, 2) in m and N: one stays; one hovers at 5 mm, touches, presses, leaves slowly."""
     one = np.interp(TIME, [0.8, 1.1], [40, 0]), np.interp(TIME, [1.4, 2.0], [0, FORCES_N[0]])
     other = (
-        np.interp(TIME, [2.1, 2.2, 2.5, 2.6, 4.7, 4.9], [40, 5, 5, 0, 0, 40]),
+        np.interp(TIME, [2.1, 2.2, 2.5, 2.6, 4.7, 6.7], [40, 5, 5, 0, 0, 40]),
         np.interp(TIME, [2.8, 3.4, 3.6, 4.6], [0, FORCES_N[1], FORCES_N[1], 0]),
     )
     return MM * np.stack([one[0], other[0]], axis=1), np.stack([one[1], other[1]], axis=1)
@@ -176,10 +176,19 @@ def test_two_fingers_have_two_places_and_two_forces(found: dict[int, Tracked]) -
         np.testing.assert_allclose(now.contact_force_N, FORCES_N, rtol=0.03)
 
 
+def test_who_leaves_slowly_is_not_taken_for_one_who_presses(found: dict[int, Tracked]) -> None:
+    # On the image alone, less shielding is more coupling: only that nothing flows tells them apart.
+    for k in range(480, 740, 10):
+        assert found[k].contact_force_N[1] < 0.05
+    assert [found[k].contacts for k in (470, 560, 720)] == [2, 1, 1]
+    assert len(near(found[560])) == 1 and near(found[720]) == []
+
+
 def test_who_stays_keeps_number_and_contact(found: dict[int, Tracked]) -> None:
-    alone, both, after = (numbers(found[k]) for k in (200, 350, 520))
+    alone, both, after = (numbers(found[k]) for k in (200, 350, 720))
     assert len(alone) == len(after) == 1 and len(both) == 2
     assert alone == after and alone.items() <= both.items()
-    now = found[520]
+    now = found[720]
     np.testing.assert_allclose(1e3 * now.location_m[0, :2], ONE, atol=1.5)
-    np.testing.assert_allclose(now.contact_force_N, [FORCES_N[0], 0.0], rtol=0.03)
+    # The place by as much over a cavity 28 mm wide, and the flow's zero by 2 mm³ in 6 s.
+    np.testing.assert_allclose(now.contact_force_N, [FORCES_N[0], 0.0], rtol=0.05)
