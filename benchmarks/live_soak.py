@@ -10,8 +10,9 @@ Printed as JSON, and exit code 1 when something does not add up:
   before the estimator), estimated; entries that the recorder lost;
 * of the file: whether its frames are those assembled, in order, and whether its bytes give them again, bit
   for bit;
-* resident memory [MB] of this process at each twentieth of the way, and the largest less the smallest after
-  the first tenth;
+* resident memory [MB] of this process: the least and the most in each twentieth of the way, looked at every
+  50 ms, and by how much the least of the later ones differ after the first tenth (the most of one is what
+  computing takes and gives back);
 * frames per second; latency from the last byte to the estimate [ms].
 
 As fast as it goes ("max") the device makes samples as fast as they are read, many times faster than
@@ -53,8 +54,12 @@ def resident_mb() -> float:
     return pages * resource.getpagesize() / 1e6
 
 
-def soak(parts: Estimating, url: str, record: Path, frames: int) -> tuple[SessionReport, float, list[float]]:
-    """Run for so many frames: the report, frames per second, memory [MB] at each step of the way."""
+Memory = list[tuple[float, float]]
+"""Least and most [MB] in each step of the way."""
+
+
+def soak(parts: Estimating, url: str, record: Path, frames: int) -> tuple[SessionReport, float, Memory]:
+    """Run for so many frames: the report, frames per second, memory."""
     clock = HostClock()
     source = SoftfuseSource(driver="softfuse", url=url, baud=115200)
     driver = driver_of(source)
@@ -77,19 +82,17 @@ def soak(parts: Estimating, url: str, record: Path, frames: int) -> tuple[Sessio
     connection = connection_of(0, source, driver, session.receive, session.tell, clock)
     connection.open()
     session.start(Recorder(record, info, clock, tell))
-    memory = []
+    memory: list[list[float]] = [[] for _ in range(_STEPS)]
     while not session.failed and not session.report.frames:
         time.sleep(0.01)
     first, began = session.report.frames, time.perf_counter()
-    while not session.failed and session.report.frames < frames:
+    while not session.failed and (done := session.report.frames) < frames:
+        memory[done * _STEPS // frames].append(round(resident_mb(), 1))
         time.sleep(0.05)
-        if session.report.frames * _STEPS >= frames * len(memory):
-            memory.append(round(resident_mb(), 1))
     rate = (session.report.frames - first) / (time.perf_counter() - began)
-    memory.append(round(resident_mb(), 1))
     connection.stop()
     session.stop()
-    return session.report, rate, memory
+    return session.report, rate, [(min(part), max(part)) for part in memory if part]
 
 
 def recorded(parts: Estimating, path: Path) -> dict[str, Any]:
@@ -133,7 +136,7 @@ def main() -> int:
             device.send_signal(signal.SIGINT)
         file = recorded(parts, record)
     samples = report.devices[0].samples
-    settled = memory[_STEPS // 10 :]
+    settled = [least for least, _ in memory[_STEPS // 10 :]]
     numbers = {
         "rate": arguments.rate,
         "samples": samples.fresh,
