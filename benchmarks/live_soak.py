@@ -11,7 +11,7 @@ Printed as JSON, and exit code 1 when something does not add up:
 * of the file: whether its frames are those assembled, in order, and whether its bytes give them again, bit
   for bit;
 * resident memory [MB] of this process: the least and the most in each twentieth of the way, looked at every
-  50 ms, and by how much the least of the later ones differ after the first tenth (the most of one is what
+  50 ms, and by how much the least of the later ones differ after the first quarter (the most of one is what
   computing takes and gives back);
 * frames per second; latency from the last byte to the estimate [ms].
 
@@ -136,7 +136,7 @@ def main() -> int:
             device.send_signal(signal.SIGINT)
         file = recorded(parts, record)
     samples = report.devices[0].samples
-    settled = [least for least, _ in memory[_STEPS // 10 :]]
+    settled = [least for least, _ in memory[_STEPS // 4 :]]
     numbers = {
         "rate": arguments.rate,
         "samples": samples.fresh,
