@@ -9,6 +9,9 @@ import signal
 import subprocess
 import sys
 import threading
+import time
+
+_ENDS_WITHIN_S = 10.0
 
 
 def start_viewer(arguments: list[str]) -> "subprocess.Popen[bytes]":
@@ -24,10 +27,22 @@ def start_viewer(arguments: list[str]) -> "subprocess.Popen[bytes]":
 
 
 def end_viewer(viewer: "subprocess.Popen[bytes]") -> None:
-    """End what `start_viewer` has started."""
+    """End what `start_viewer` has started; back when all of it has ended, or after `_ENDS_WITHIN_S`."""
     assert viewer.stdin is not None
     viewer.stdin.close()
-    viewer.wait(10.0)
+    viewer.wait(_ENDS_WITHIN_S)
+    deadline = time.monotonic() + _ENDS_WITHIN_S
+    # The first of its group is gone, the server itself may take a moment longer.
+    while _group_is_there(viewer.pid) and time.monotonic() < deadline:
+        time.sleep(0.01)
+
+
+def _group_is_there(number: int) -> bool:
+    try:
+        os.killpg(number, 0)
+    except (ProcessLookupError, AttributeError):  # on Windows there are no groups of processes
+        return False
+    return True
 
 
 def main() -> int:
