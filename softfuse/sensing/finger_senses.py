@@ -21,6 +21,7 @@ from softfuse.sensing.electrodes import (
     electrode_init,
     electrode_update,
 )
+from softfuse.sensing.frame_time import frame_step
 from softfuse.sensing.pressure import (
     PressureReading,
     PressureSensor,
@@ -102,10 +103,7 @@ class FingerSenses(AbstractSenses):
         measured = jnp.append(supply, jnp.nan)[0]
         length_lost = jnp.any(~jnp.isfinite(cable))
         cable = cable if self.lengths else jnp.full(self.cable_sigma_m.shape, jnp.nan)
-        started = jnp.isfinite(state.time_s)
-        forward = jnp.isfinite(time_s) & (time_s > state.time_s)
-        now = jnp.where(forward, time_s, state.time_s)
-        dt = jnp.where(started & forward, now - jnp.where(started, state.time_s, now), 0.0)
+        now, dt, forward = frame_step(state.time_s, time_s)
         touch_state, touch = electrode_update(self.electrodes, state.electrodes, dt, counts)
         # A length that is not read says nothing: a cable that slips off must not stop the tare for ever.
         pulled = jnp.any(jnp.where(jnp.isfinite(cable), jnp.abs(cable) > self.slack_m, False))

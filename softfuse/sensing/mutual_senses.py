@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from softfuse.sensing.flow import FlowReading, FlowSensor, FlowState, flow_init, flow_update, squeeze_evidence
+from softfuse.sensing.frame_time import frame_step
 from softfuse.sensing.mutual import MutualGrid, MutualReading, MutualState, mutual_init, mutual_update
 from softfuse.sensing.senses import AbstractSenses, Sensed
 from softfuse.sensing.slots import ContactSlots, assign_slots, slots_init
@@ -81,9 +82,7 @@ class MutualSenses(AbstractSenses):
         """One frame of flow (k,) [V] and cells (r c,) [counts]."""
         volts, counts = readings
         started = jnp.isfinite(state.time_s)
-        forward = jnp.isfinite(time_s) & (time_s > state.time_s)
-        now = jnp.where(forward, time_s, state.time_s)
-        dt = jnp.where(started & forward, now - jnp.where(started, state.time_s, now), 0.0)
+        now, dt, forward = frame_step(state.time_s, time_s)
         squeezed = squeeze_evidence(self.flow, state.flow) > _SQUEEZED_SIGMA
         grid_state, grid = mutual_update(self.grid, state.grid, dt, counts, squeezed)
         tracks = grid.tracks

@@ -22,6 +22,7 @@ from softfuse.sensing.capacitive import (
     weighted_mean_location,
 )
 from softfuse.sensing.flow import FlowSensor, FlowState, flow_evidence, flow_init, flow_update
+from softfuse.sensing.frame_time import frame_step
 from softfuse.sensing.peak_fit import PeakModel, fit_peak_of_honest
 from softfuse.sensing.touch import TouchDetector, TouchState, touch_init, touch_strength, touch_update
 
@@ -111,11 +112,7 @@ def pad_sensor_update(
     Args: time_s [s]; flow_V (k,) [V]; row_counts (r,), column_counts (c,) [counts]; NaN where missing.
     Returns: the new state and the PadMeasurement.
     """
-    started = jnp.isfinite(state.time_s)
-    time_valid = jnp.isfinite(time_s) & (time_s > state.time_s)
-    now = jnp.where(time_valid, time_s, state.time_s)
-    dt = jnp.where(started & time_valid, now - jnp.where(started, state.time_s, now), 0.0)
-
+    now, dt, time_valid = frame_step(state.time_s, time_s)
     counts = jnp.concatenate([row_counts, column_counts])
     reading = array_signal(sensors.array, state.array, counts)
     rows = row_counts.shape[0]
