@@ -19,20 +19,6 @@ MISSING, CUT, LOST, SATURATED = 20, 60, 140, 300
 
 
 @pytest.fixture(scope="module")
-def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The pad's config on the coarsest mesh, which is compiled soonest."""
-    text = (ROOT / "configs" / "pad.toml").read_text()
-    for key, value in (("surface_size", "30 mm"), ("base_size", "28 mm"), ("fine_depth", "0 mm")):
-        start = text.index(f"{key} = ")
-        end = text.index('"', text.index('"', start) + 1)
-        text = f'{text[:start]}{key} = "{value}{text[end:]}'
-    path = tmp_path_factory.mktemp("config") / "coarse.toml"
-    path.write_text(text)
-    load(path)
-    return path
-
-
-@pytest.fixture(scope="module")
 def faulty(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The beginning of a recording, up to the first force level, with faults."""
     with gzip.open(RECORDING, "rt") as stream:
