@@ -22,7 +22,6 @@ be none.
 
 import argparse
 import json
-import resource
 import signal
 import subprocess
 import sys
@@ -32,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from resident import resident_mb
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.live_parts import Estimating, estimating
@@ -46,12 +46,6 @@ from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.stream import HostClock, Notice
 
 _STEPS = 20
-
-
-def resident_mb() -> float:
-    """Memory of this process [MB]."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 1e6
 
 
 Memory = list[tuple[float, float]]

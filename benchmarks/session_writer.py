@@ -9,12 +9,12 @@ memory [MB] at every tenth of the way; bytes per frame on disk; microseconds per
 
 import argparse
 import json
-import resource
 import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
+from resident import resident_mb
 
 from softfuse.hardware.record.entries import EstimateEntry, FrameEntry, Kind, SessionInfo, SourceInfo
 from softfuse.hardware.record.session_reader import read_session
@@ -26,12 +26,6 @@ COLUMNS: dict[str, Kind] = {
     "contacts": "number",
     "where": "string",
 }
-
-
-def resident_mb() -> float:
-    """Memory of this process [MB]."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 1e6
 
 
 def main() -> None:
