@@ -13,8 +13,11 @@ from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 from softfuse.hardware.testbed.gathering import ForceAxis, Gathering
 
+_COMING_S = 5.0
+"""How long the channels have to come before anything moves [s]: opening its port resets many a board, which
+needs two seconds to start, and the channels are known by a description that comes from time to time only."""
 _FIRST_S = 0.5
-"""For how long frames have to come before anything moves [s]."""
+"""For how long the force has to come after that [s]."""
 
 
 class Sensors:
@@ -55,12 +58,12 @@ class Sensors:
 
     def wait(self) -> None:
         """Be back when all channels have come; HardwareError where they do not."""
-        self.gathering.reading(_FIRST_S)
-        missing = self.gathering.missing
+        missing = self.gathering.missing(_COMING_S)
         if missing:
             raise HardwareError(
                 f"the channels {', '.join(missing)} do not come: look with softfuse doctor, nothing has moved"
             )
+        self.gathering.reading(_FIRST_S)
 
     def remark(self, text: str) -> None:
         """Write down what was done."""

@@ -112,9 +112,15 @@ class Gathering:
         if self._failure is not None:
             raise self._failure
 
-    @property
-    def missing(self) -> list[str]:
-        """Channels that nothing has given yet."""
+    def missing(self, seconds: float) -> list[str]:
+        """The channels that nothing has given yet, after at most so many seconds; none as soon as all came.
+
+        HardwareError where what comes cannot be written down.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._failure is not None or not self._pipeline.missing, seconds)
+        if self._failure is not None:
+            raise HardwareError(self._unwritten)
         return self._pipeline.missing
 
     @property
@@ -157,8 +163,7 @@ class Gathering:
         if self._failure is not None:
             raise HardwareError(self._unwritten)
         if not came or not readings:
-            missing = ", ".join(self._pipeline.missing)
-            raise HardwareError(self._absent + (f"; channels that never came: {missing}" if missing else ""))
+            raise HardwareError(self._absent)
         return float(np.mean(readings))
 
     def force(self, seconds: float) -> float:

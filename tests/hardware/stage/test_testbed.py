@@ -47,6 +47,8 @@ class Bed(threading.Thread):
         self.stiffness = 4.0
         self.sign = 1.0
         self.quiet_beyond = math.inf
+        self.board_starts = -math.inf
+        """From when on the board says something [s], on the monotonic clock."""
         self.largest = 0.0
         self.ended = threading.Event()
         names = [name for name in re.findall(r'"((?:flow\d_V|row\d|col\d))"', PAD)]
@@ -67,12 +69,14 @@ class Bed(threading.Thread):
             self.largest = max(self.largest, force)
             if force < self.quiet_beyond:
                 self._send(0, f"{at},{self.sign * force + WEIGHT:.4f}\n".encode())
-            if k % 50 == 0:
+            k += 1
+            if time.monotonic() < self.board_starts:
+                continue
+            if k % 50 == 1:
                 self._send(1, pack(encode(DescriptionMessage(Header(0, k, at), self.description))))
             values = np.full(len(self.description.channels), depth)
             message = SampleMessage(Header(0, k, at), layout.number, layout.content(values))
             self._send(1, pack(encode(message)))
-            k += 1
 
     def _send(self, port: int, data: bytes) -> None:
         with contextlib.suppress(BlockingIOError):
@@ -181,6 +185,20 @@ def test_places_are_pressed_recorded_and_not_pressed_again(run, bed, controller,
     assert run(*arguments) == 0
     assert "all 2 places are pressed already" in capsys.readouterr().out and len(controller.heard) == moves
     assert bed.depth == 0.0
+
+
+def test_a_board_that_starts_late_is_waited_for(run, bed, tmp_path):
+    # Opening its port resets many a board.
+    bed.board_starts = time.monotonic() + 2.0
+    assert run("--out", tmp_path / "s.csv", "--grid", 1, 1, "--force", 2) == 0
+
+
+def test_nothing_moves_without_the_board(run, bed, controller, tmp_path, capsys):
+    bed.board_starts = math.inf
+    assert run("--out", tmp_path / "s.csv", "--grid", 1, 1, "--force", 2) == 2
+    err = capsys.readouterr().err
+    assert "row0" in err and "do not come" in err and "nothing has moved" in err and "Traceback" not in err
+    assert not controller.heard
 
 
 def test_a_force_beyond_the_limit_stops_the_stage_on_its_way(run, bed, controller, tmp_path, capsys):
