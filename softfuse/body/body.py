@@ -6,7 +6,7 @@ Unknowns z (n,): free displacement components [m], node by node, then pressures 
 differentiated with respect to materials and rest nodes too.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import equinox as eqx
 import jax
@@ -14,25 +14,35 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from softfuse.body.element import TAYLOR_HOOD, Element, shape_gradients
+from softfuse.body.element import TAYLOR_HOOD, Element, frames
+from softfuse.body.region import Region
 from softfuse.errors import MeshError, SoftfuseError
-from softfuse.material.base import AbstractMaterial, jacobian
+from softfuse.material.base import AbstractMaterial
+from softfuse.material.components import determinant
 from softfuse.mesh.tetmesh import TetMesh, linear, quadratic
+
+_WRITTEN_OUT = 3  # columns
 
 
 class Body(eqx.Module):
-    """What does not change while a soft body deforms; elements are sorted by material."""
+    """What does not change while a soft body deforms; elements are sorted by material.
+
+    `frames` [m²], `volumes` [m³] and `weight` [N] are what `from_mesh` and `with_rest` compute from rest
+    nodes, densities and gravity: see `Region` and `lagrangian`.
+    """
 
     rest: Float[Array, "k 3"]
     tets: Int[Array, "e a"]
-    gradients: Float[Array, "e q a 3"]
-    weights: Float[Array, "e q"]
+    frames: Float[Array, "3 3 q e"]
+    volumes: Float[Array, "q e"]
     materials: tuple[AbstractMaterial, ...]
     densities: Float[Array, " m"]
     gravity: Float[Array, "3"]
+    weight: Float[Array, " n"]
     pressure_unit: Float[Array, ""]
     displacement_index: Int[Array, "k 3"]
-    element_unknowns: Int[Array, "e d"]
+    displacement_unknowns: Int[Array, "3 a e"]
+    pressure_unknowns: Int[Array, "c e"]
     element: Element = eqx.field(static=True)
     counts: tuple[int, ...] = eqx.field(static=True)
     n_displacements: int = eqx.field(static=True)
@@ -91,41 +101,57 @@ class Body(eqx.Module):
             pressures = n + place.reshape(key.shape)
             n += len(unique)
         index = np.where(free, index, n)
-        unknowns = np.concatenate([index[tets].reshape(len(tets), -1), pressures], axis=1)
-        gradients, weights = shape_gradients(element, jnp.asarray(mesh.nodes[tets]))
-        worst = np.unravel_index(int(jnp.argmin(weights)), weights.shape)
-        if not float(weights[worst]) > 0:
+        rest = jnp.asarray(mesh.nodes)
+        # One program: as single operations each would be compiled for itself.
+        body_frames, volumes = jax.jit(frames, static_argnums=0)(element, mesh.nodes[tets])
+        worst = np.unravel_index(int(np.argmin(volumes)), volumes.shape)
+        if not float(volumes[worst]) > 0:
             raise MeshError(
-                f"tet {order[worst[0]]} is turned inside out at a quadrature point: "
+                f"tet {order[worst[1]]} is turned inside out at a quadrature point: "
                 "straighten its edges or remesh"
             )
         stiffness = jnp.mean(jnp.stack([jnp.asarray(m.shear_modulus(), float) for m in materials]))
-        return cls(
-            rest=jnp.asarray(mesh.nodes),
+        body = cls(
+            rest=rest,
             tets=jnp.asarray(tets),
-            gradients=gradients,
-            weights=weights,
+            frames=body_frames,
+            volumes=volumes,
             materials=tuple(materials),
             densities=jnp.zeros(len(materials)) if densities is None else jnp.asarray(densities, float),
             gravity=jnp.asarray(gravity, float),
+            weight=jnp.zeros(n),
             pressure_unit=jax.lax.stop_gradient(stiffness),
             displacement_index=jnp.asarray(index, jnp.int32),
-            element_unknowns=jnp.asarray(unknowns, jnp.int32),
+            displacement_unknowns=jnp.asarray(index[tets].transpose(2, 1, 0), jnp.int32),
+            pressure_unknowns=jnp.asarray(pressures.T, jnp.int32),
             element=element,
             counts=tuple(int(np.sum(region == r)) for r in range(len(materials))),
             n_displacements=n_displacements,
             n=n,
         )
+        return eqx.tree_at(lambda b: b.weight, body, jax.jit(_weight)(body))
 
     @property
     def n_nodes(self) -> int:
         """Number of displacement nodes."""
         return self.rest.shape[0]
 
+    @property
+    def weights(self) -> Float[Array, "e q"]:
+        """Volumes [m³] of the quadrature points, element by element."""
+        return self.volumes.T
+
+    @property
+    def element_unknowns(self) -> Int[Array, "e d"]:
+        """The unknowns of every element: displacements node by node, then pressures; n for held ones."""
+        moves = self.displacement_unknowns.transpose(2, 1, 0).reshape(len(self.tets), -1)
+        return jnp.concatenate([moves, self.pressure_unknowns.T], axis=1)
+
     def with_rest(self, rest: Float[Array, "k 3"]) -> "Body":
         """The same body with other rest nodes (k, 3) m; differentiable in them."""
-        gradients, weights = shape_gradients(self.element, rest[self.tets])
-        return eqx.tree_at(lambda b: (b.rest, b.gradients, b.weights), self, (rest, gradients, weights))
+        changed = (rest, *frames(self.element, rest[self.tets]))
+        body = eqx.tree_at(lambda b: (b.rest, b.frames, b.volumes), self, changed)
+        return eqx.tree_at(lambda b: b.weight, body, _weight(body))
 
     def with_materials(self, materials: Sequence[AbstractMaterial]) -> "Body":
         """The same body of other materials, one for each region; differentiable in their constants."""
@@ -136,85 +162,84 @@ class Body(eqx.Module):
         return z.at[self.displacement_index].get(mode="fill", fill_value=0.0)
 
 
+def _weight(body: Body) -> Float[Array, " n"]:
+    """The work (n,) of gravity per unit of each unknown: [N]."""
+    density = jnp.repeat(body.densities, np.array(body.counts), total_repeat_length=len(body.tets))
+    masses = jnp.asarray(body.element.values).T @ (body.volumes * density)
+    forces = body.gravity[:, None, None] * masses
+    return jnp.zeros(body.n).at[body.displacement_unknowns].add(forces, mode="drop")
+
+
+def column_by_column(
+    action: Callable[[Float[Array, " n"]], Float[Array, " n"]], directions: Float[Array, "n c"]
+) -> Float[Array, "n c"]:
+    """A linear map of vectors (n,) applied to c columns (n, c), one after the other.
+
+    What the map reads at every element stays in the processor's cache meanwhile, which all columns at once
+    would push out. A few are written out, so that XLA need not store all that for a loop.
+    """
+    if directions.shape[1] <= _WRITTEN_OUT:
+        return jnp.stack([action(column) for column in directions.T], axis=1)
+    return jax.lax.map(action, directions.T).T
+
+
 def mesh_for(element: Element, mesh: TetMesh) -> TetMesh:
     """The mesh with the nodes that the element needs: mid-edge nodes added or dropped."""
     return quadratic(mesh) if element.order == 2 else linear(mesh)
 
 
-def _strains(body: Body, z: Float[Array, " n"]) -> tuple[Float[Array, "e q 3 3"], Float[Array, "e q"]]:
-    """Deformation gradient and pressure [Pa] at every quadrature point."""
-    local = z.at[body.element_unknowns].get(mode="fill", fill_value=0.0)
-    a = body.element.nodes
-    u = local[:, : 3 * a].reshape(-1, a, 3)
-    f = jnp.eye(3) + jnp.einsum("eai,eqaj->eqij", u, body.gradients)
-    if not body.element.pressures:
-        return f, jnp.zeros(f.shape[:2])
-    corner_values = jnp.asarray(body.element.points)
-    return f, body.pressure_unit * jnp.einsum("ep,qp->eq", local[:, 3 * a :], corner_values)
-
-
-def _by_region(body: Body, function, *fields: Array) -> Array:
-    """Apply function(material, *field values) at all quadrature points, region by region, and join the
-    results.
-    """
-    over_points = jax.vmap(jax.vmap(function, (None, *(0 for _ in fields))), (None, *(0 for _ in fields)))
-    parts, start = [], 0
+def _regions(body: Body) -> Iterator[Region]:
+    start = 0
     for material, count in zip(body.materials, body.counts, strict=True):
-        parts.append(over_points(material, *(f[start : start + count] for f in fields)))
+        part = slice(start, start + count)
         start += count
-    return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+        yield Region(
+            body.element,
+            material,
+            body.frames[..., part],
+            body.volumes[:, part],
+            body.displacement_unknowns[..., part],
+            body.pressure_unknowns[:, part],
+            body.pressure_unit,
+        )
+
+
+def _with_held(z: Float[Array, " n"]) -> Float[Array, " n_plus_1"]:
+    return jnp.append(z, 0.0)
 
 
 def lagrangian(body: Body, z: Float[Array, " n"]) -> Float[Array, ""]:
     """L(z) [J] of the unknowns z (n,): strain energy (perturbed by the pressure) minus the work of
     gravity.
     """
-    density = _by_region(body, body.element.density, *_strains(body, z))
-    mass = jnp.repeat(body.densities, np.array(body.counts), total_repeat_length=len(body.tets))
-    u = body.displacement(z)[body.tets]
-    fall = jnp.einsum("eq,qa,eai,i->e", body.weights, jnp.asarray(body.element.values), u, body.gravity)
-    return jnp.sum(body.weights * density) - jnp.sum(mass * fall)
+    padded = _with_held(z)
+    return sum(region.energy(padded) for region in _regions(body)) - body.weight @ z
 
 
 def residual(body: Body, z: Float[Array, " n"]) -> Float[Array, " n"]:
     """r(z) = ∂L/∂z (n,): nodal forces [N] that the body exerts against loads, then volume mismatches [J]."""
-    return jax.grad(lagrangian, argnums=1)(body, z)
+    padded = _with_held(z)
+    total = -_with_held(body.weight)
+    for region in _regions(body):
+        total = region.add_forces(total, *region.conjugates(*region.strains(padded)))
+    return total[: body.n]
 
 
 def element_tangents(body: Body, z: Float[Array, " n"]) -> Float[Array, "e d d"]:
-    """Second derivatives (e, d, d) of every element's energy in the order of `element_unknowns`: Σ_q w Bᵀ
-    (∂²density/∂h²) B.
-    """
-    mixed = body.element.pressures > 0
-    size = 10 if mixed else 9
-
-    def density(h, material):
-        return body.element.density(material, h[:9].reshape(3, 3), h[9] if mixed else jnp.zeros(()))
-
-    f, p = _strains(body, z)
-    h = f.reshape(*f.shape[:2], 9)
-    if mixed:
-        h = jnp.concatenate([h, p[..., None]], axis=-1)
-    moduli = _by_region(body, lambda material, x: jax.hessian(density)(x, material), h)
-    e, q, a, _ = body.gradients.shape
-    # B maps the element's unknowns to h: F_ij = Σ_a u_ai ∂N_a/∂X_j, p = Σ_c p_c L_c.
-    b = jnp.einsum("eqaj,ik->eqijak", body.gradients, jnp.eye(3)).reshape(e, q, 9, 3 * a)
-    if mixed:
-        corner = body.pressure_unit * jnp.asarray(body.element.points)
-        b = jnp.pad(b, ((0, 0), (0, 0), (0, 1), (0, corner.shape[1])))
-        b = b.at[:, :, 9, 3 * a :].set(corner)
-    db = (body.weights[..., None, None] * moduli) @ b
-    d = b.shape[-1]
-    return b.reshape(e, q * size, d).swapaxes(1, 2) @ db.reshape(e, q * size, d)
+    """Second derivatives (e, d, d) of every element's energy in the order of `element_unknowns`."""
+    padded = _with_held(z)
+    parts = [region.tangents(padded) for region in _regions(body)]
+    return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
 
 
 def tangent_action(body: Body, z: Float[Array, " n"], directions: Float[Array, "n c"]) -> Float[Array, "n c"]:
     """K(z) applied to c directions (n, c), without forming K."""
     _, action = jax.linearize(lambda x: residual(body, x), z)
-    return jax.vmap(action, 1, 1)(directions)
+    return column_by_column(action, directions)
 
 
 def volume_ratios(body: Body, z: Float[Array, " n"]) -> Float[Array, "e q"]:
     """J = det F at every quadrature point; J ≤ 0 means an inverted element."""
-    f, _ = _strains(body, z)
-    return jax.vmap(jax.vmap(jacobian))(f)
+    padded = _with_held(z)
+    parts = [determinant(region.deformation(region.strains(padded)[0])).T for region in _regions(body)]
+    return parts[0] if len(parts) == 1 else jnp.concatenate(parts)

@@ -19,24 +19,30 @@ from jaxtyping import Array, Float
 
 from softfuse.body.quadrature import TET_1, TET_4
 from softfuse.body.shape import linear, linear_slopes, quadratic, quadratic_slopes
-from softfuse.material.base import AbstractMaterial
+from softfuse.material.components import cofactor, components, determinant, whole
 
-Density = Callable[[AbstractMaterial, Float[Array, "3 3"], Float[Array, ""]], Float[Array, ""]]
+Density = Callable[[Array, Array, Array, Array], Array]
 
 
 def displacement_density(
-    material: AbstractMaterial, f: Float[Array, "3 3"], pressure: Float[Array, ""]
-) -> Float[Array, ""]:
-    """W(F) [J/m³]; a displacement element has no pressure."""
+    distortion: Float[Array, "..."],
+    dilatation: Float[Array, "..."],
+    lame: Float[Array, ""],
+    pressure: Float[Array, "..."],
+) -> Float[Array, "..."]:
+    """W(F) [J/m³] of a law's measures; a displacement element has no pressure."""
     del pressure
-    return material.energy(f)
+    return distortion + 0.5 * lame * dilatation**2
 
 
 def mixed_density(
-    material: AbstractMaterial, f: Float[Array, "3 3"], pressure: Float[Array, ""]
-) -> Float[Array, ""]:
-    """W_d(F) + p θ(F) − p²/(2λ) [J/m³] at the pressure p [Pa], tension positive."""
-    return material.distortion(f) + pressure * material.dilatation(f) - pressure**2 / (2 * material.lame)
+    distortion: Float[Array, "..."],
+    dilatation: Float[Array, "..."],
+    lame: Float[Array, ""],
+    pressure: Float[Array, "..."],
+) -> Float[Array, "..."]:
+    """W_d(F) + p θ(F) − p²/(2λ) [J/m³] of a law's measures at the pressure p [Pa], tension positive."""
+    return distortion + pressure * dilatation - pressure**2 / (2 * lame)
 
 
 @dataclass(frozen=True)
@@ -89,14 +95,15 @@ TAYLOR_HOOD = Element(
 ELEMENTS = {element.name: element for element in (LINEAR, QUADRATIC, TAYLOR_HOOD)}
 
 
-def shape_gradients(
-    element: Element, corners_and_middles: Float[Array, "e a 3"]
-) -> tuple[Float[Array, "e q a 3"], Float[Array, "e q"]]:
-    """∂N_a/∂X [1/m] and volume weights [m³] at the quadrature points of elements with rest nodes (e, a, 3) m.
+def frames(
+    element: Element, nodes: Float[Array, "e a 3"]
+) -> tuple[Float[Array, "3 3 q e"], Float[Array, "q e"]]:
+    """w ∂ξ_m/∂X_j [m²] and volumes w [m³] of the quadrature points of elements with rest nodes (e, a, 3) m.
 
-    Isoparametric: quadratic elements may have curved edges.
+    Isoparametric: quadratic elements may have curved edges. ξ are the last three barycentric coordinates.
     """
     local = jnp.asarray(element.slopes[:, :, 1:] - element.slopes[:, :, :1])
-    jacobian = jnp.einsum("eai,qak->eqik", corners_and_middles, local)
-    gradients = jnp.einsum("qak,eqki->eqai", local, jnp.linalg.inv(jacobian))
-    return gradients, jnp.linalg.det(jacobian) * element.weights / 6.0
+    part = jnp.asarray(element.weights[:, None] / 6.0)
+    jacobian = components(jnp.einsum("eai,qam->imqe", nodes, local))
+    # ∂ξ/∂X det = (cof ∂X/∂ξ)ᵀ
+    return part * whole(cofactor(jacobian)).swapaxes(0, 1), part * determinant(jacobian)

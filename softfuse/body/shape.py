@@ -5,27 +5,30 @@ A quadratic simplex has its corners first, then the middles of its edges, in the
 Zienkiewicz and Taylor, The Finite Element Method, vol. 1, ch. 8.
 """
 
-import jax.numpy as jnp
+from typing import TypeVar
+
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from softfuse.mesh.tetmesh import EDGES
+
+Coordinates = TypeVar("Coordinates", Array, np.ndarray)
 
 TRIANGLE_EDGES = np.array([(0, 1), (1, 2), (2, 0)])
 
 
-def linear(barycentric: Array | np.ndarray) -> Float[Array, "... d"]:
+def linear(barycentric: Coordinates) -> Coordinates:
     """Values of the linear shape functions: the barycentric coordinates (..., d) themselves."""
-    return jnp.asarray(barycentric)
+    return barycentric
 
 
-def quadratic(barycentric: Array | np.ndarray) -> Float[Array, "... a"]:
+def quadratic(barycentric: Coordinates) -> Coordinates:
     """Values (..., a) of the quadratic shape functions at barycentric coordinates (..., d), d = 3 or 4."""
     edges = TRIANGLE_EDGES if barycentric.shape[-1] == 3 else EDGES
-    barycentric = jnp.asarray(barycentric)
     corners = barycentric * (2 * barycentric - 1)
     middles = 4 * barycentric[..., edges[:, 0]] * barycentric[..., edges[:, 1]]
-    return jnp.concatenate([corners, middles], axis=-1)
+    # Of numpy's arrays in numpy: elements are made on import, which must not start JAX.
+    return barycentric.__array_namespace__().concat([corners, middles], axis=-1)
 
 
 def linear_slopes(barycentric: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from softfuse.material.base import AbstractMaterial, lame_constants
 from softfuse.material.corotational import Corotational
+from softfuse.material.isotropic import AbstractIsotropic, Invariants
 from softfuse.material.mooney_rivlin import MooneyRivlin
 from softfuse.material.neo_hookean import NeoHookean
 from softfuse.material.ogden import Ogden
@@ -11,8 +12,10 @@ from softfuse.material.yeoh import Yeoh
 
 __all__ = [
     "SILICONES",
+    "AbstractIsotropic",
     "AbstractMaterial",
     "Corotational",
+    "Invariants",
     "MooneyRivlin",
     "NeoHookean",
     "Ogden",

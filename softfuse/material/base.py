@@ -10,8 +10,11 @@ from abc import abstractmethod
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
+
+from softfuse.material.components import Tensor, whole
 
 
 class AbstractMaterial(eqx.Module):
@@ -35,6 +38,13 @@ class AbstractMaterial(eqx.Module):
         """Energy density [J/m³] at the deformation gradient f (3, 3)."""
         return self.distortion(f) + 0.5 * self.lame * self.dilatation(f) ** 2
 
+    def measures(self, f: Tensor) -> tuple[Float[Array, "*points"], Float[Array, "*points"]]:
+        """Distortion [J/m³] and dilatation [-] at many deformation gradients."""
+        whole_f = whole(f)
+        flat = jnp.moveaxis(whole_f.reshape(3, 3, -1), -1, 0)
+        shape = whole_f.shape[2:]
+        return jax.vmap(self.distortion)(flat).reshape(shape), jax.vmap(self.dilatation)(flat).reshape(shape)
+
 
 def lame_constants(young: float, poisson: float) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Lamé's λ and μ [Pa] of Young's modulus [Pa] and Poisson's ratio [-]."""
@@ -42,33 +52,6 @@ def lame_constants(young: float, poisson: float) -> tuple[Float[Array, ""], Floa
     return e * nu / ((1 + nu) * (1 - 2 * nu)), e / (2 * (1 + nu))
 
 
-def first_invariant(f: Float[Array, "3 3"]) -> Float[Array, ""]:
-    """I₁ = tr FᵀF of the deformation gradient f (3, 3)."""
-    return jnp.sum(f * f)
-
-
-def second_invariant(f: Float[Array, "3 3"]) -> Float[Array, ""]:
-    """I₂ = ‖cof F‖² of the deformation gradient f (3, 3), a sum of squares: nothing cancels."""
-    a, b, c = f
-    return _cross_squared(a, b) + _cross_squared(b, c) + _cross_squared(c, a)
-
-
-def jacobian(f: Float[Array, "3 3"]) -> Float[Array, ""]:
-    """J = det F, written out: its derivatives of any order stay polynomials."""
-    return (
-        f[0, 0] * (f[1, 1] * f[2, 2] - f[1, 2] * f[2, 1])
-        - f[0, 1] * (f[1, 0] * f[2, 2] - f[1, 2] * f[2, 0])
-        + f[0, 2] * (f[1, 0] * f[2, 1] - f[1, 1] * f[2, 0])
-    )
-
-
 def constant(value: ArrayLike | Sequence[float]) -> Array:
     """A material constant as a float array, so that it is a leaf that can be fitted."""
     return jnp.asarray(value, float)
-
-
-def _cross_squared(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, ""]:
-    """‖a × b‖²."""
-    return (
-        (a[1] * b[2] - a[2] * b[1]) ** 2 + (a[2] * b[0] - a[0] * b[2]) ** 2 + (a[0] * b[1] - a[1] * b[0]) ** 2
-    )

@@ -9,20 +9,12 @@ Sifakis and Barbič, FEM Simulation of 3D Deformable Solids (SIGGRAPH 2012 cours
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from softfuse.material.base import (
-    AbstractMaterial,
-    constant,
-    first_invariant,
-    jacobian,
-    lame_constants,
-    second_invariant,
-)
+from softfuse.material.base import constant, lame_constants
+from softfuse.material.isotropic import AbstractIsotropic, Invariants
 from softfuse.material.square_root import trace_of_root
 
-ROOT_STEPS = 8  # enough for inverted elements too
 
-
-class Corotational(AbstractMaterial):
+class Corotational(AbstractIsotropic):
     """Corotational linear law of shear modulus `mu` [Pa] and Lamé's λ `lame` [Pa]."""
 
     mu: Float[Array, ""] = eqx.field(converter=constant)
@@ -34,14 +26,13 @@ class Corotational(AbstractMaterial):
         lame, mu = lame_constants(young, poisson)
         return cls(mu, lame)
 
-    def distortion(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
-        """μ ‖F − R‖² [J/m³] at the deformation gradient f (3, 3)."""
-        return self.mu * (first_invariant(f) - 3.0 - 2.0 * self.dilatation(f))
+    def distortion_of(self, at: Invariants) -> Float[Array, "..."]:
+        """μ ‖F − R‖² (...) [J/m³]."""
+        return self.mu * (at.first - 3.0 - 2.0 * self.dilatation_of(at))
 
-    def dilatation(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
-        """tr S − 3 [-] at the deformation gradient f (3, 3)."""
-        x, y = first_invariant(f) - 3.0, second_invariant(f) - 3.0
-        return trace_of_root(x, y, jacobian(f) - 1.0, ROOT_STEPS)
+    def dilatation_of(self, at: Invariants) -> Float[Array, "..."]:
+        """tr S − 3 (...) [-]."""
+        return trace_of_root(at.first - 3.0, at.second - 3.0, at.volume - 1.0)
 
     def shear_modulus(self) -> Float[Array, ""]:
         """μ [Pa]."""

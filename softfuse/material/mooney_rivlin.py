@@ -11,17 +11,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.material.base import (
-    AbstractMaterial,
-    constant,
-    first_invariant,
-    jacobian,
-    lame_constants,
-    second_invariant,
-)
+from softfuse.material.base import constant, lame_constants
+from softfuse.material.isotropic import AbstractIsotropic, Invariants
 
 
-class MooneyRivlin(AbstractMaterial):
+class MooneyRivlin(AbstractIsotropic):
     """Mooney–Rivlin law of constants `c10` [Pa], `c01` [Pa] and Lamé's λ `lame` [Pa]."""
 
     c10: Float[Array, ""] = eqx.field(converter=constant)
@@ -37,16 +31,15 @@ class MooneyRivlin(AbstractMaterial):
         lame, mu = lame_constants(young, poisson)
         return cls(0.5 * mu * (1.0 - second_share), 0.5 * mu * second_share, lame)
 
-    def distortion(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
-        """c₁₀ (I₁ − 3 − 2 ln J) + c₀₁ (I₂/J² − 3 + 2 ln J) [J/m³] at the deformation gradient f (3, 3)."""
-        volume_ratio = jacobian(f)
-        first = first_invariant(f) - 3.0 - 2.0 * jnp.log(volume_ratio)
-        second = second_invariant(f) / volume_ratio**2 - 3.0 + 2.0 * jnp.log(volume_ratio)
+    def distortion_of(self, at: Invariants) -> Float[Array, "..."]:
+        """c₁₀ (I₁ − 3 − 2 ln J) + c₀₁ (I₂/J² − 3 + 2 ln J) (...) [J/m³]."""
+        first = at.first - 3.0 - 2.0 * jnp.log(at.volume)
+        second = at.second / at.volume**2 - 3.0 + 2.0 * jnp.log(at.volume)
         return self.c10 * first + self.c01 * second
 
-    def dilatation(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
-        """ln J [-] at the deformation gradient f (3, 3)."""
-        return jnp.log(jacobian(f))
+    def dilatation_of(self, at: Invariants) -> Float[Array, "..."]:
+        """ln J (...) [-]."""
+        return jnp.log(at.volume)
 
     def shear_modulus(self) -> Float[Array, ""]:
         """2 (c₁₀ + c₀₁) [Pa]."""

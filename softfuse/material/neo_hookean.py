@@ -6,10 +6,11 @@ Source: Bonet and Wood, Nonlinear Continuum Mechanics for Finite Element Analysi
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.material.base import AbstractMaterial, first_invariant, jacobian, lame_constants
+from softfuse.material.base import lame_constants
+from softfuse.material.isotropic import AbstractIsotropic, Invariants
 
 
-class NeoHookean(AbstractMaterial):
+class NeoHookean(AbstractIsotropic):
     """Neo-Hookean law of shear modulus `mu` [Pa] and Lamé's λ `lame` [Pa]."""
 
     mu: Float[Array, ""]
@@ -21,13 +22,13 @@ class NeoHookean(AbstractMaterial):
         lame, mu = lame_constants(young, poisson)
         return cls(mu, lame)
 
-    def distortion(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
-        """μ/2 (I₁ − 3 − 2 ln J) [J/m³]."""
-        return 0.5 * self.mu * (first_invariant(f) - 3.0 - 2.0 * jnp.log(jacobian(f)))
+    def distortion_of(self, at: Invariants) -> Float[Array, "..."]:
+        """μ/2 (I₁ − 3 − 2 ln J) (...) [J/m³]."""
+        return 0.5 * self.mu * (at.first - 3.0 - 2.0 * jnp.log(at.volume))
 
-    def dilatation(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
-        """ln J [-]."""
-        return jnp.log(jacobian(f))
+    def dilatation_of(self, at: Invariants) -> Float[Array, "..."]:
+        """ln J (...) [-]."""
+        return jnp.log(at.volume)
 
     def shear_modulus(self) -> Float[Array, ""]:
         """μ [Pa]."""

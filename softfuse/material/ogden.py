@@ -22,15 +22,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from softfuse.errors import ConfigError
-from softfuse.material.base import AbstractMaterial, constant, first_invariant, jacobian, second_invariant
+from softfuse.material.base import constant
+from softfuse.material.isotropic import AbstractIsotropic, Invariants
 from softfuse.material.square_root import second_of_root, trace_of_root
 
 HALVINGS = 5  # |w| < 0.07 for stretches in [0.2, 5]; rounding errors grow as 2ᵏ, so no more than needed
 SERIES_TERMS = 20  # |α w|ⁿ/n! is then below rounding up to |α| = 20
-ROOT_STEPS = 3  # a determinant of one is never inverted
 
 
-class Ogden(AbstractMaterial):
+class Ogden(AbstractIsotropic):
     """Ogden law of n terms: moduli `mu` (n,) [Pa], exponents `alpha` (n,) [-], Lamé's λ `lame` [Pa].
 
     No exponent may be zero. Sums of powers are good to 1e-11 (relative) for |α| ≤ 20 while the principal
@@ -49,17 +49,20 @@ class Ogden(AbstractMaterial):
                 "give one list of moduli and one of exponents, equally long"
             )
 
-    def distortion(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
-        """Σ μᵢ/αᵢ (λ₁^αᵢ + λ₂^αᵢ + λ₃^αᵢ − 3 − αᵢ ln J) [J/m³] at the deformation gradient f (3, 3)."""
-        log_volume = self.dilatation(f)
-        growth = self.alpha * log_volume / 3.0
-        x, _ = _isochoric_powers(f, log_volume, self.alpha)
-        terms = 3.0 * (jnp.expm1(growth) - growth) + jnp.exp(growth) * x
-        return jnp.sum(self.mu / self.alpha * terms)
+    def distortion_of(self, at: Invariants) -> Float[Array, "..."]:
+        """Σ μᵢ/αᵢ (λ₁^αᵢ + λ₂^αᵢ + λ₃^αᵢ − 3 − αᵢ ln J) (...) [J/m³]."""
+        log_volume = self.dilatation_of(at)
 
-    def dilatation(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
-        """ln J [-] at the deformation gradient f (3, 3)."""
-        return jnp.log(jacobian(f))
+        def term(mu: Float[Array, ""], alpha: Float[Array, ""]) -> Float[Array, "..."]:
+            growth = alpha * log_volume / 3.0
+            x, _ = _isochoric_powers(at, log_volume, alpha)
+            return mu / alpha * (3.0 * (jnp.expm1(growth) - growth) + jnp.exp(growth) * x)
+
+        return jnp.sum(jax.vmap(term)(self.mu, self.alpha), axis=0)
+
+    def dilatation_of(self, at: Invariants) -> Float[Array, "..."]:
+        """ln J (...) [-]."""
+        return jnp.log(at.volume)
 
     def shear_modulus(self) -> Float[Array, ""]:
         """½ Σ μᵢ αᵢ [Pa]."""
@@ -67,13 +70,13 @@ class Ogden(AbstractMaterial):
 
 
 def _isochoric_powers(
-    f: Float[Array, "3 3"], log_volume: Float[Array, ""], alpha: Float[Array, " n"]
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """tr C̄^(α/2) − 3 and tr C̄^(−α/2) − 3 (n,) [-] at the deformation gradient f (3, 3)."""
-    x = first_invariant(f) * jnp.exp(-2.0 / 3.0 * log_volume) - 3.0
-    y = second_invariant(f) * jnp.exp(-4.0 / 3.0 * log_volume) - 3.0
+    at: Invariants, log_volume: Float[Array, "..."], alpha: Float[Array, ""]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """tr C̄^(α/2) − 3 and tr C̄^(−α/2) − 3 (...) [-]."""
+    x = at.first * jnp.exp(-2.0 / 3.0 * log_volume) - 3.0
+    y = at.second * jnp.exp(-4.0 / 3.0 * log_volume) - 3.0
     for _ in range(HALVINGS):
-        tau = trace_of_root(x, y, jnp.zeros_like(x), ROOT_STEPS)
+        tau = trace_of_root(x, y, jnp.zeros_like(x))
         x, y = tau, second_of_root(tau, x)
     x, y = _small_powers(x, y, 0.5 * alpha)
     for _ in range(HALVINGS):
@@ -82,9 +85,9 @@ def _isochoric_powers(
 
 
 def _small_powers(
-    x: Float[Array, ""], y: Float[Array, ""], gamma: Float[Array, " n"]
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """tr X^γ − 3 and tr X^(−γ) − 3 (n,) [-] of X ≈ I, det X = 1, from x = tr X − 3 and y = tr X⁻¹ − 3 [-]."""
+    x: Float[Array, "..."], y: Float[Array, "..."], gamma: Float[Array, ""]
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """tr X^γ − 3 and tr X^(−γ) − 3 (...) [-] of X ≈ I, det X = 1, from x = tr X − 3 and y = tr X⁻¹ − 3."""
     scale = 8.0 + x + y
     e1, e2 = (y - x) / scale, -(x + y) / scale
     e3 = -e1
@@ -98,7 +101,7 @@ def _small_powers(
         totals = sums + addend, inverse_sums + sign * addend
         return (power, after, next_power, coefficient, following, *totals), None
 
-    zero = jnp.zeros_like(gamma)
+    zero = jnp.zeros_like(x * gamma)
     start = (jnp.full_like(x, 3.0), e1, e1**2 - 2.0 * e2, jnp.ones_like(gamma), 2.0 * gamma, zero, zero)
     order = jnp.arange(1.0, SERIES_TERMS + 1.0)
     (*_, sums, inverse_sums), _ = jax.lax.scan(add_term, start, (order, (-1.0) ** order))

@@ -6,13 +6,13 @@ ch. 6 (exercise on the Saint-Venant–Kirchhoff material).
 """
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.material.base import AbstractMaterial, constant, lame_constants
+from softfuse.material.base import constant, lame_constants
+from softfuse.material.isotropic import AbstractIsotropic, Invariants
 
 
-class SaintVenantKirchhoff(AbstractMaterial):
+class SaintVenantKirchhoff(AbstractIsotropic):
     """Saint-Venant–Kirchhoff law of shear modulus `mu` [Pa] and Lamé's λ `lame` [Pa]."""
 
     mu: Float[Array, ""] = eqx.field(converter=constant)
@@ -24,19 +24,15 @@ class SaintVenantKirchhoff(AbstractMaterial):
         lame, mu = lame_constants(young, poisson)
         return cls(mu, lame)
 
-    def distortion(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
-        """μ tr(E²) [J/m³] at the deformation gradient f (3, 3)."""
-        return self.mu * jnp.sum(_green_strain(f) ** 2)
+    def distortion_of(self, at: Invariants) -> Float[Array, "..."]:
+        """μ tr(E²) (...) [J/m³]: 4 tr(E²) = I₁² − 2 I₂ − 2 I₁ + 3."""
+        x, y = at.first - 3.0, at.second - 3.0
+        return 0.25 * self.mu * (x**2 + 4.0 * x - 2.0 * y)
 
-    def dilatation(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
-        """tr E [-] at the deformation gradient f (3, 3)."""
-        return jnp.trace(_green_strain(f))
+    def dilatation_of(self, at: Invariants) -> Float[Array, "..."]:
+        """tr E (...) [-]."""
+        return 0.5 * (at.first - 3.0)
 
     def shear_modulus(self) -> Float[Array, ""]:
         """μ [Pa]."""
         return self.mu
-
-
-def _green_strain(f: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
-    """E = (FᵀF − I)/2 [-]."""
-    return 0.5 * (f.T @ f - jnp.eye(3))

@@ -11,10 +11,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.material.base import AbstractMaterial, constant, first_invariant, jacobian, lame_constants
+from softfuse.material.base import constant, lame_constants
+from softfuse.material.isotropic import AbstractIsotropic, Invariants
 
 
-class Yeoh(AbstractMaterial):
+class Yeoh(AbstractIsotropic):
     """Yeoh law of constants `c1`, `c2`, `c3` [Pa] and Lamé's λ `lame` [Pa]."""
 
     c1: Float[Array, ""] = eqx.field(converter=constant)
@@ -28,14 +29,14 @@ class Yeoh(AbstractMaterial):
         lame, _ = lame_constants(4.0 * c1 * (1.0 + poisson), poisson)
         return cls(c1, c2, c3, lame)
 
-    def distortion(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
-        """c₁ x + c₂ x² + c₃ x³ [J/m³] at the deformation gradient f (3, 3)."""
-        x = first_invariant(f) - 3.0 - 2.0 * jnp.log(jacobian(f))
+    def distortion_of(self, at: Invariants) -> Float[Array, "..."]:
+        """c₁ x + c₂ x² + c₃ x³ (...) [J/m³]."""
+        x = at.first - 3.0 - 2.0 * jnp.log(at.volume)
         return x * (self.c1 + x * (self.c2 + x * self.c3))
 
-    def dilatation(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
-        """ln J [-] at the deformation gradient f (3, 3)."""
-        return jnp.log(jacobian(f))
+    def dilatation_of(self, at: Invariants) -> Float[Array, "..."]:
+        """ln J (...) [-]."""
+        return jnp.log(at.volume)
 
     def shear_modulus(self) -> Float[Array, ""]:
         """2 c₁ [Pa]."""

@@ -64,6 +64,35 @@ def test_residual_is_the_slope_of_the_lagrangian(case) -> None:
     np.testing.assert_allclose(_residual(body, z) @ direction, slope, rtol=1e-7)
 
 
+def test_residual_is_the_gradient_of_the_lagrangian(case) -> None:
+    body, z = case
+    gradient = np.asarray(jax.jit(jax.grad(lagrangian, argnums=1))(body, z))
+    np.testing.assert_allclose(_residual(body, z), gradient, atol=1e-12 * np.abs(gradient).max())
+
+
+def test_residual_differentiates_like_the_gradient(case) -> None:
+    """In rest nodes and materials, forwards and backwards."""
+    body, z = case
+    random = np.random.default_rng(4)
+    left = jnp.asarray(random.normal(size=body.n))
+    move = jnp.asarray(random.normal(size=body.rest.shape)) * 0.01 * SIZE
+    stiffer = jax.tree.map(lambda leaf: 0.1 * leaf, body.materials)
+
+    def compared(gradient):
+        def work(rest, materials):
+            return left @ gradient(body.with_rest(rest).with_materials(materials), z)
+
+        at, along = (body.rest, body.materials), (move, stiffer)
+        return jax.jvp(work, at, along)[1], jax.grad(work, argnums=(0, 1))(*at)
+
+    forward, backward = jax.jit(lambda: compared(residual))()
+    expected, by_energy = jax.jit(lambda: compared(jax.grad(lagrangian, argnums=1)))()
+    assert abs(float(expected)) > 0
+    np.testing.assert_allclose(forward, expected, rtol=1e-10)
+    for found, wanted in zip(jax.tree.leaves(backward), jax.tree.leaves(by_energy), strict=True):
+        np.testing.assert_allclose(found, wanted, atol=1e-11 * np.abs(wanted).max())
+
+
 def test_the_saddle_is_quasi_definite_at_rest(case, assembled) -> None:
     """As many positive eigenvalues as displacements and as many negative ones as pressures."""
     body, z = case
