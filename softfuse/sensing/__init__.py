@@ -42,14 +42,9 @@ from softfuse.sensing.pad import (
     pad_sensor_init,
     pad_sensor_update,
 )
-from softfuse.sensing.peak_fit import (
-    PeakFit,
-    PeakModel,
-    fit_peak,
-    fit_peak_of_honest,
-    peak_model,
-    peak_signal,
-)
+from softfuse.sensing.peak_fit import fit_peak, fit_peak_of_honest
+from softfuse.sensing.peak_follow import PeakTrack, follow_peak, no_peak
+from softfuse.sensing.peak_model import PeakFit, PeakModel, peak_model, peak_signal
 from softfuse.sensing.pressure import (
     PressureReading,
     PressureSensor,
@@ -100,6 +95,7 @@ __all__ = [
     "PadSensors",
     "PeakFit",
     "PeakModel",
+    "PeakTrack",
     "PressureReading",
     "PressureSensor",
     "PressureState",
@@ -123,6 +119,7 @@ __all__ = [
     "flow_evidence",
     "flow_init",
     "flow_update",
+    "follow_peak",
     "gauge_pressure_of",
     "leak_init",
     "leak_rate",
@@ -131,6 +128,7 @@ __all__ = [
     "mpx5100a",
     "mpx5100d",
     "mpx5100g",
+    "no_peak",
     "pad_sensor_init",
     "pad_sensor_update",
     "peak_model",

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.sensing.wall_field import disc_density
+from softfuse.sensing.wall_field import disc_density, wall_density
 
 _GAUSS_POINTS = 4  # per side of a diamond: cells of 1.4 mm at 8 mm pitch, the fringe is 1 to 2 mm wide
 _TINY_M = 1e-7  # keeps the distance from the axis differentiable at zero
@@ -86,40 +86,94 @@ def line_points(
     )
 
 
-def mean_pitch(line_m: Float[Array, " n"]) -> Float[Array, ""]:
-    """Mean distance of neighbouring lines: line_m (n,) ascending [m]; returns [m]."""
-    return (line_m[-1] - line_m[0]) / (line_m.shape[0] - 1)
+class ArrayPoints(eqx.Module):
+    """Quadrature points of all e lines, rows first, p each; those of lines with fewer are without area."""
+
+    x_m: Float[Array, "e p"]
+    """x [m]."""
+    y_m: Float[Array, "e p"]
+    """y [m]."""
+    weight: Float[Array, "e p"]
+    """Area over that of the diamonds of two crossed lines, 2 / (pi p^2) of it, p being the pitch."""
 
 
-def _collect(points: LinePoints, charge: Float[Array, " n*q+2*s"]) -> Float[Array, " n"]:
-    """Charge of each line from the charge at its points."""
+def array_points(rows: LinePoints, columns: LinePoints, pitch_m: Float[Array, ""]) -> ArrayPoints:
+    """Points of both layers side by side: rows, columns; pitch_m the pitch p [m]."""
+    own = [_line_by_line(points) for points in (rows, columns)]
+    most = max(across.shape[1] for across, _, _ in own)
+    across, along, area = (
+        [jnp.pad(value, ((0, 0), (0, most - value.shape[1]))) for value in each]
+        for each in zip(*own, strict=True)
+    )
+    scale = 2.0 / (jnp.pi * pitch_m**2)
+    return ArrayPoints(
+        x_m=jnp.concatenate([along[0], across[1]]),
+        y_m=jnp.concatenate([across[0], along[1]]),
+        weight=scale * jnp.concatenate(area),
+    )
+
+
+def _line_by_line(points: LinePoints) -> tuple[Array, Array, Array]:
+    """Across, along and area, (n, q + s) each: the outermost lines own the strips."""
     strips = 2 * points.rim_points
-    total = charge[:-strips].reshape(points.lines, -1).sum(axis=1)
-    rim = charge[-strips:].reshape(2, -1).sum(axis=1)
-    return total.at[0].add(rim[0]).at[-1].add(rim[1])
+
+    def lined(value: Array, between: float) -> Array:
+        first, last = value[-strips:].reshape(2, -1)
+        inner = jnp.full((points.lines - 2, points.rim_points), between, value.dtype)
+        rim = jnp.concatenate([first[None], inner, last[None]])
+        return jnp.concatenate([value[:-strips].reshape(points.lines, -1), rim], axis=1)
+
+    return lined(points.across_m, 0.0), lined(points.along_m, 0.0), lined(points.area_m2, 0.0)
 
 
 def array_response(
-    rows: LinePoints,
-    columns: LinePoints,
+    points: ArrayPoints,
     location_m: Float[Array, "2"],
     radius_m: Float[Array, ""],
-    row_depth_m: Float[Array, ""],
-    column_depth_m: Float[Array, ""],
-    pitch_m: Float[Array, ""],
-) -> Float[Array, " r+c"]:
+    depth_m: Float[Array, " e"],
+) -> Float[Array, " e"]:
     """Response of all lines, rows first, to a grounded cylinder standing on the pad.
 
-    Args: rows, columns: points of the lines; location_m (2,) x, y of the cylinder's axis [m]; radius_m [m];
-    row_depth_m, column_depth_m depth of the layers below the cylinder's bottom [m]; pitch_m the pitch p [m].
-    Returns: response (r + c,), dimensionless.
+    Args: location_m (2,) x, y of the cylinder's axis [m]; radius_m [m]; depth_m (e,) of the lines below the
+    cylinder's bottom [m].
+    Returns: response (e,), dimensionless.
     """
-    # One evaluation for both layers: a quarter of the code to compile and to run.
-    x = jnp.concatenate([rows.along_m, columns.across_m])
-    y = jnp.concatenate([rows.across_m, columns.along_m])
-    area = jnp.concatenate([rows.area_m2, columns.area_m2])
-    split = rows.area_m2.shape[0]
-    depth = jnp.where(np.arange(area.shape[0]) < split, row_depth_m, column_depth_m)
-    rho = jnp.sqrt((x - location_m[0]) ** 2 + (y - location_m[1]) ** 2 + _TINY_M**2)
-    charge = area * disc_density(rho, radius_m, depth) * (2.0 / (jnp.pi * pitch_m**2))
-    return jnp.concatenate([_collect(rows, charge[:split]), _collect(columns, charge[split:])])
+    rho = _distance(points, location_m)
+    return jnp.sum(points.weight * disc_density(rho, radius_m, depth_m[:, None]), axis=1)
+
+
+def array_slopes(
+    points: ArrayPoints,
+    location_m: Float[Array, "2"],
+    radius_m: Float[Array, ""],
+    depth_m: Float[Array, " e"],
+) -> tuple[Float[Array, " e"], Float[Array, "e 4"]]:
+    """The response of `array_response`, and its derivatives by x, y [1/m], radius [1/m] and depth [1/m].
+
+    With w = pi / (2 d), xi = w (rho - R) and kappa' = -kappa^2 (1 - kappa^2), written out because all five
+    are sums of the same few numbers at each point: automatic derivatives cost twice as much.
+    """
+    rho = _distance(points, location_m)
+    wide = 0.5 * jnp.pi / depth_m
+    kappa = wall_density(wide[:, None] * (rho - radius_m))
+    outside = rho > radius_m
+    charge = points.weight * kappa * jnp.where(outside, radius_m / rho, 1.0)
+    spread = jnp.where(outside, charge, 0.0)
+    by_xi = -charge * kappa * (1.0 - kappa * kappa)
+    by_rho = (by_xi * wide[:, None] - spread / rho) / rho
+    # Products with ones: sums inside a loop over points are not vectorised.
+    ones = jnp.ones(rho.shape[1], rho.dtype)
+    of_radius = (spread @ ones) / radius_m - wide * (by_xi @ ones)
+    of_depth = -wide / depth_m * ((by_xi * (rho - radius_m)) @ ones)
+    of_x = (by_rho * (location_m[0] - points.x_m)) @ ones
+    of_y = (by_rho * (location_m[1] - points.y_m)) @ ones
+    return charge @ ones, jnp.stack([of_x, of_y, of_radius, of_depth], axis=1)
+
+
+def _distance(points: ArrayPoints, location_m: Float[Array, "2"]) -> Float[Array, "e p"]:
+    return jnp.sqrt((points.x_m - location_m[0]) ** 2 + (points.y_m - location_m[1]) ** 2 + _TINY_M**2)
+
+
+def mean_pitch(line_m: Float[Array, " n"]) -> Float[Array, ""]:
+    """Mean distance of neighbouring lines: line_m (n,) ascending [m]; returns [m]."""
+    return (line_m[-1] - line_m[0]) / (line_m.shape[0] - 1)

@@ -1,9 +1,10 @@
 """All sensors of the pad: one frame of volts and counts to volume changes, touch and location.
 
 Order of work: signals above the baseline -> touch decision (which also looks at the flow up to the last
-frame) -> flow to volume with the zero tracked or frozen by that decision -> location by the peak fit while
-something is near -> baseline for the next frame. Causal and pure: `pad_sensor_update` runs live, and in a
-`jax.lax.scan` over a recording. Sign: a squeezed cavity has a negative volume change. Electrodes are ordered
+frame) -> flow to volume with the zero tracked or frozen by that decision -> location by the peak fit, that is
+followed from frame to frame while something is near -> baseline for the next frame. Causal and pure:
+`pad_sensor_update` runs live, and in a `jax.lax.scan` over a recording. An electrode that lies is found 17
+frames later, see `peak_follow`. Sign: a squeezed cavity has a negative volume change. Electrodes are ordered
 rows first, then columns.
 """
 
@@ -23,7 +24,8 @@ from softfuse.sensing.capacitive import (
 )
 from softfuse.sensing.flow import FlowSensor, FlowState, flow_evidence, flow_init, flow_update
 from softfuse.sensing.frame_time import frame_step
-from softfuse.sensing.peak_fit import PeakModel, fit_peak_of_honest
+from softfuse.sensing.peak_follow import PeakTrack, follow_peak, no_peak
+from softfuse.sensing.peak_model import PeakModel
 from softfuse.sensing.touch import TouchDetector, TouchState, touch_init, touch_strength, touch_update
 
 
@@ -43,6 +45,7 @@ class PadSensorState(eqx.Module):
     flow: FlowState
     array: ArrayState
     touch: TouchState
+    peak: PeakTrack
     lying: Bool[Array, " e"]
 
 
@@ -95,6 +98,7 @@ def pad_sensor_init(sensors: PadSensors) -> PadSensorState:
         flow=flow_init(sensors.flow),
         array=array_init(electrodes),
         touch=touch_init(),
+        peak=no_peak(sensors.peak),
         lying=jnp.zeros(electrodes, bool),
     )
 
@@ -124,14 +128,14 @@ def pad_sensor_update(
         flow_evidence(sensors.flow, state.flow),
     )
     flow_state, flow = flow_update(sensors.flow, state.flow, dt, flow_V, touch.touching)
-    # An electrode found lying stays out until nothing is near: it is searched for once and not every frame.
+    # An electrode found lying stays out until nothing is near.
     trusted = reading.valid & ~state.lying
-    location, covariance, residual, honest, located = _locate(
-        sensors.peak, reading.signal_counts, trusted, touch.near
+    peak, (location, covariance, residual, honest, located) = _locate(
+        sensors.peak, state.peak, reading.signal_counts, trusted, touch.near
     )
     lying = touch.near & (state.lying | (trusted & ~honest))
     array = track_baseline(sensors.array, state.array, dt, counts, touch.near, touch.touching)
-    later = PadSensorState(time_s=now, flow=flow_state, array=array, touch=touch, lying=lying)
+    later = PadSensorState(time_s=now, flow=flow_state, array=array, touch=touch, peak=peak, lying=lying)
     return later, PadMeasurement(
         time_s=now,
         time_valid=time_valid,
@@ -156,8 +160,16 @@ def pad_sensor_update(
     )
 
 
-def _locate(peak: PeakModel, signal: Float[Array, " e"], valid: Bool[Array, " e"], near: Bool[Array, ""]):
-    """Location, covariance, residual, honest electrodes, whether to believe; no fit while nothing is near."""
+def _locate(
+    peak: PeakModel,
+    track: PeakTrack,
+    signal: Float[Array, " e"],
+    valid: Bool[Array, " e"],
+    near: Bool[Array, ""],
+):
+    """The track, and location, covariance, residual, honest electrodes, whether to believe; no fit while
+    nothing is near.
+    """
     low = jnp.stack([peak.column_x_m[0], peak.row_y_m[0]])
     high = jnp.stack([peak.column_x_m[-1], peak.row_y_m[-1]])
     lines = jnp.asarray([peak.column_x_m.shape[0], peak.row_y_m.shape[0]])
@@ -166,13 +178,15 @@ def _locate(peak: PeakModel, signal: Float[Array, " e"], valid: Bool[Array, " e"
     unknown = jnp.diag((high - low) ** 2 / 12.0)
 
     def fitted():
-        fit, honest = fit_peak_of_honest(peak, signal, valid)
+        later, fit, honest = follow_peak(peak, track, signal, valid)
         inside = jnp.all((fit.location_m > low - half_pitch) & (fit.location_m < high + half_pitch))
         certain = jnp.all(jnp.diagonal(fit.covariance_m2) < half_pitch**2)
         finite = jnp.all(jnp.isfinite(fit.location_m))
-        return fit.location_m, fit.covariance_m2, fit.residual_counts, honest, inside & certain & finite
+        located = inside & certain & finite
+        return later, (fit.location_m, fit.covariance_m2, fit.residual_counts, honest, located)
 
     def absent():
-        return middle, unknown, jnp.zeros_like(middle[0]), valid, jnp.asarray(False)
+        nowhere = middle, unknown, jnp.zeros_like(middle[0]), valid, jnp.asarray(False)
+        return no_peak(peak), nowhere
 
     return jax.lax.cond(near, fitted, absent)

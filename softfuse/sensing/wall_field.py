@@ -18,7 +18,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-_NEWTON_STEPS = 3  # from a lower bound of the root of a convex function: monotone, 1e-8 at worst
+# Artanh kappa less v for v of `wall_density`, over v^3: polynomials in v whose quotient fits it within 5e-5 v
+# by least squares; from the lowest power, 1/3 being exact at 0 and equal highest ones at infinity.
+_RISE_ABOVE = (1.0 / 3.0, -0.12640352, 0.19869732)
+_RISE_BELOW = (1.0, -0.33160897, 0.7440277, 0.34486666, 0.07589466, 0.19869732)
 
 
 @jax.custom_jvp
@@ -27,13 +30,23 @@ def wall_density(xi: Float[Array, "..."]) -> Float[Array, "..."]:
 
     Args: xi (...) = pi s / (2 d), dimensionless, positive outside the wall.
     Returns: kappa (...), between 0 and 1, the root of 1/kappa - artanh(kappa) = xi.
-    Newton's method runs on t = artanh(kappa), for which coth(t) - t - xi is convex and decreasing.
+    With t = artanh(kappa) that is coth(t) - t = xi. It begins at the root v of 1/v - v = xi plus a fitted
+    quotient, and takes one step of Newton's method and the tangent's curvature along it: 1e-8 at worst.
     """
-    t = 0.5 * (jnp.sqrt(xi * xi + 4.0) - xi)
-    for _ in range(_NEWTON_STEPS):
-        coth = 1.0 / jnp.tanh(t)
-        t = t + (coth - t - xi) / (coth * coth)
-    return jnp.tanh(t)
+    far = 0.5 * (jnp.sqrt(xi * xi + 4.0) + jnp.abs(xi))  # the roots are this and its inverse
+    v = jnp.where(xi > 0.0, 1.0 / far, far)
+    t = v + v**3 * _polynomial(_RISE_ABOVE, v) / _polynomial(_RISE_BELOW, v)
+    kappa = jnp.tanh(t)
+    step = (1.0 / kappa - t - xi) * kappa * kappa
+    return kappa + (1.0 - kappa * kappa) * step * (1.0 - kappa * step)
+
+
+def _polynomial(coefficients: tuple[float, ...], v: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Horner's scheme, from the lowest power."""
+    value = jnp.full_like(v, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        value = value * v + coefficient
+    return value
 
 
 @wall_density.defjvp
@@ -43,13 +56,13 @@ def _wall_density_jvp(primals, tangents):
 
 
 def disc_density(
-    rho_m: Float[Array, " n"], radius_m: Float[Array, ""], depth_m: Float[Array, " n"]
-) -> Float[Array, " n"]:
+    rho_m: Float[Array, "..."], radius_m: Float[Array, ""], depth_m: Float[Array, "..."]
+) -> Float[Array, "..."]:
     """Relative charge density at a distance from the axis of a grounded cylinder that stands over the plane.
 
-    Args: rho_m (n,) distance from the axis [m], > 0; radius_m of the cylinder [m]; depth_m (n,) of the plane
-    below its bottom [m].
-    Returns: density (n,) relative to eps V / depth, dimensionless.
+    Args: rho_m (...) distance from the axis [m], > 0; radius_m of the cylinder [m]; depth_m (...) of the
+    plane below its bottom [m].
+    Returns: density (...) relative to eps V / depth, dimensionless.
     """
     fringe = wall_density(0.5 * jnp.pi * (rho_m - radius_m) / depth_m)
     return fringe * jnp.where(rho_m > radius_m, radius_m / rho_m, 1.0)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.sensing.diamond_array import array_response, line_points
+from softfuse.sensing.diamond_array import array_points, array_response, array_slopes, line_points
 from softfuse.sensing.wall_field import disc_density
 
 LINES = (-28.0 + 8.0 * np.arange(8)) * 1e-3
@@ -17,10 +17,9 @@ ZERO = jnp.asarray(0.0)
 def response_of(location, row_depth=1.5e-3, column_depth=1e-3, row_rim=0.0, column_rim=0.0):
     lines = jnp.asarray(LINES)
     rows, columns = (line_points(lines, lines, jnp.asarray(rim)) for rim in (row_rim, column_rim))
-    depths = (jnp.asarray(row_depth), jnp.asarray(column_depth))
-    return array_response(
-        rows, columns, jnp.asarray(location), jnp.asarray(10e-3), *depths, jnp.asarray(PITCH)
-    )
+    points = array_points(rows, columns, jnp.asarray(PITCH))
+    depth = jnp.repeat(jnp.stack([jnp.asarray(row_depth), jnp.asarray(column_depth)]), 8)
+    return array_response(points, jnp.asarray(location), jnp.asarray(10e-3), depth)
 
 
 def brute_force(location, depth, cell=0.1e-3):
@@ -79,9 +78,26 @@ def test_only_the_outermost_lines_gain_from_the_rim():
 
 def test_unequal_numbers_of_lines_are_allowed():
     x, y = jnp.linspace(-10e-3, 10e-3, 5), jnp.linspace(-20e-3, 20e-3, 3)
-    values = (jnp.zeros(2), *(jnp.asarray(v) for v in (4e-3, 1e-3, 1e-3, 5e-3)))
-    response = array_response(line_points(y, x, ZERO), line_points(x, y, ZERO), *values)
+    points = array_points(line_points(y, x, ZERO), line_points(x, y, ZERO), jnp.asarray(5e-3))
+    response = array_response(points, jnp.zeros(2), jnp.asarray(4e-3), jnp.full(8, 1e-3))
     assert response.shape == (8,)
     np.testing.assert_allclose(response[:3], response[:3][::-1], rtol=1e-12)
     np.testing.assert_allclose(response[3:], response[3:][::-1], rtol=1e-12)
     assert int(jnp.argmax(response[3:])) == 2
+
+
+@pytest.mark.parametrize("location", [(0.3e-3, 5.1e-3), (28e-3, -30e-3)])
+def test_slopes_are_the_derivatives_of_the_response(location):
+    lines, rim = jnp.asarray(LINES), jnp.asarray(0.5e-3)
+    points = array_points(line_points(lines, lines, rim), line_points(lines, lines, ZERO), jnp.asarray(PITCH))
+    depth = jnp.repeat(jnp.asarray([1.5e-3, 1e-3]), 8)
+
+    def response(q):
+        return array_response(points, q[:2], q[2], depth + q[3])
+
+    q = jnp.asarray([*location, 9.7e-3, 0.1e-3])
+    found, slopes = array_slopes(points, q[:2], q[2], depth + q[3])
+    np.testing.assert_allclose(found, response(q), rtol=1e-13)
+    expected = jax.jacfwd(response)(q)
+    np.testing.assert_allclose(slopes, expected, atol=1e-12 * float(jnp.abs(expected).max()))
+    assert float(jnp.abs(expected).max()) > 10.0

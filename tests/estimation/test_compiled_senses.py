@@ -1,0 +1,96 @@
+"""Senses as one program: the same numbers as frame by frame, never compiled again, read when asked for."""
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.config import load
+from softfuse.config.build_tracker import build_senses
+from softfuse.estimation.compiled_senses import CompiledSenses, Packing
+from softfuse.hardware.recording import read_recording
+from softfuse.sensing.senses import AbstractSenses
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def senses() -> AbstractSenses:
+    return build_senses(load(ROOT / "configs" / "pad.toml"))
+
+
+@pytest.fixture(scope="module")
+def compiled(senses) -> CompiledSenses:
+    with ThreadPoolExecutor(1) as compiler:
+        return CompiledSenses(senses, compiler)
+
+
+@pytest.fixture(scope="module")
+def frames():
+    """Until the first press is held: times and the readings of each group."""
+    recording = read_recording(ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz", [])
+    names = (("flow", 4, "_V"), ("row", 8, ""), ("col", 8, ""))
+    groups = [recording.matrix([f"{name}{k}{unit}" for k in range(n)]) for name, n, unit in names]
+    return [(float(t), tuple(group[i] for group in groups)) for i, t in enumerate(recording.time_s[:200])]
+
+
+def test_a_tree_comes_out_of_its_vectors_as_it_went_in():
+    tree = {
+        "a": jnp.arange(6.0).reshape(2, 3),
+        "b": jnp.array([True, False]),
+        "c": (jnp.array(3), jnp.zeros(0)),
+    }
+    packing = Packing(tree)
+    packed = packing.pack(tree)
+    assert sorted(vector.shape for vector in packed.values()) == [(1,), (2,), (6,)]
+    again = packing.unpack({kind: np.asarray(vector) for kind, vector in packed.items()})
+    assert eqx.tree_equal(again, jax.tree.map(np.asarray, tree))
+
+
+def test_another_tree_is_refused():
+    packing = Packing((jnp.zeros(3), jnp.zeros(2, bool)))
+    with pytest.raises(ValueError, match="bool"):
+        packing.pack((jnp.zeros(3), jnp.zeros(2)))
+
+
+def test_the_program_says_what_the_senses_say(senses, compiled, frames):
+    compiled.reset()
+    update, state = eqx.filter_jit(lambda s, t, r: senses.update(s, t, r)), senses.init()
+    touched = False
+    for time_s, readings in frames:
+        found = compiled.update(time_s, readings).sensed
+        state, expected = update(state, jnp.asarray(time_s), tuple(map(jnp.asarray, readings)))
+        assert jax.tree.structure(found) == jax.tree.structure(expected)
+        for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_allclose(
+                a, b, rtol=1e-6, atol=1e-9 * float(np.nan_to_num(np.abs(b)).max(initial=1))
+            )
+        touched |= bool(found.touching[0])
+    assert touched
+
+
+def test_the_same_frames_give_the_same_bits_and_nothing_is_compiled(compiled, frames):
+    runs = []
+    events: list[str] = []
+    jax.monitoring.register_event_duration_secs_listener(lambda event, *_, **__: events.append(event))
+    try:
+        for _ in range(2):
+            compiled.reset()
+            runs.append([compiled.update(time_s, readings) for time_s, readings in frames])
+        assert not [name for name in events if "compile" in name or "trace" in name]
+    finally:
+        jax.monitoring.clear_event_listeners()
+    for first, second in zip(*runs, strict=True):
+        for kind, vector in first.packed.items():
+            assert np.array_equal(np.asarray(vector), np.asarray(second.packed[kind]), equal_nan=True)
+
+
+def test_another_number_of_readings_is_refused(compiled):
+    with pytest.raises(ValueError, match="want 4, 8, 8"):
+        compiled.update(0.0, (np.zeros(4), np.zeros(16)))
+    with pytest.raises(ValueError, match="want 4, 8, 8"):
+        compiled.update(0.0, (np.zeros(5), np.zeros(8), np.zeros(7)))
