@@ -34,6 +34,12 @@ class AbstractLinearSolver(eqx.Module):
     def solve(self, factor: PyTree[Array], rhs: Float[Array, "n c"]) -> Float[Array, "n c"]:
         """Solution (n, c) for right-hand sides (n, c)."""
 
+    def rough(self) -> "AbstractLinearSolver":
+        """A faster solver of the same plan, whose solutions are only good enough to be refined; itself where
+        there is none.
+        """
+        return self
+
 
 def tangent_inverse(
     solver: AbstractLinearSolver,

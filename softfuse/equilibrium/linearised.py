@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.body.body import Body, element_tangents, residual
-from softfuse.equilibrium.interface import Slopes, stiffness
+from softfuse.body.body import Body, column_by_column, element_tangents, residual
+from softfuse.equilibrium.interface import Settled, Slopes, settle, stiffness
 from softfuse.equilibrium.linear_solver import Solve
 from softfuse.equilibrium.load import HeldLoads, Loads
 from softfuse.equilibrium.solution import State
@@ -24,9 +24,9 @@ def loaded_tangents(body: Body, loads: Loads, state: State) -> Float[Array, "e d
     return loads.stiffen(body, state.z, state.force, element_tangents(body, state.z))
 
 
-def stiffness_action(body: Body, loads: Loads, state: State, directions: Float[Array, "n c"]) -> Array:
-    """The tangent stiffness at constant forces, with the supports, applied to c directions (n, c) without
-    forming it.
+def stiffness_map(body: Body, loads: Loads, state: State) -> Solve:
+    """The tangent stiffness at constant forces, with the supports, as the map of directions (n, c):
+    linearised once, never formed.
     """
 
     def balance(z):
@@ -34,18 +34,26 @@ def stiffness_action(body: Body, loads: Loads, state: State, directions: Float[A
 
     _, action = jax.linearize(balance, state.z)
     supported = loads.rows(body, state.z)[:, loads.carrying]
-    springs = supported @ (loads.supports[:, None] * (supported.T @ directions))
-    return jax.vmap(action, 1, 1)(directions) + springs
+
+    def applied(directions: Float[Array, "n c"]) -> Float[Array, "n c"]:
+        springs = supported @ (loads.supports[:, None] * (supported.T @ directions))
+        return column_by_column(action, directions) + springs
+
+    return applied
 
 
 class Linearised(eqx.Module):
-    """What the loads, `held`, see of a body: its residual r (n,), rows G (n, P), the response K⁻¹G_f (n, Q)
-    to a unit of each force, the motion without forces −K⁻¹r (n,), and from these the ports' free values y₀
-    (P,) and compliance S (P, Q).
+    """What the loads, `held`, see of a body under forces f₀ (Q,), those it was linearised at.
+
+    `unbalanced` (n,): r − G_f f₀, what is left of its balance; `rows` G (n, P); `response` K⁻¹G_f (n, Q) to a
+    unit of each force; `relaxed` (n,): −K⁻¹(r − G_f f₀), the motion at unchanged forces; and from these the
+    ports' values y₀ (P,) without forces and their compliance S (P, Q). Only what is out of balance is solved
+    for, so that the error of an inexact K⁻¹ vanishes with it.
     """
 
     held: HeldLoads
-    residual: Float[Array, " n"]
+    force: Float[Array, " Q"]
+    unbalanced: Float[Array, " n"]
     rows: Float[Array, "n P"]
     response: Float[Array, "n Q"]
     relaxed: Float[Array, " n"]
@@ -54,19 +62,28 @@ class Linearised(eqx.Module):
 
     def step(self, force: Float[Array, " Q"]) -> Float[Array, " n"]:
         """δz (n,) under forces (Q,)."""
-        return self.relaxed + self.response @ force
+        return self.relaxed + self.response @ (force - self.force)
 
 
-def linearise(body: Body, loads: Loads, inverse: Solve, z: Float[Array, " n"]) -> Linearised:
-    """Linearise at z (n,) with K⁻¹ as the map `inverse`."""
-    rows = loads.rows(body, z)
+def linearise(body: Body, loads: Loads, inverse: Solve, state: State) -> Linearised:
+    """Linearise at a state with K⁻¹ as the map `inverse`."""
+    rows = loads.rows(body, state.z)
     pushed = rows[:, loads.carrying]
-    left = residual(body, z)
+    left = residual(body, state.z) - pushed @ state.force
     solved = inverse(jnp.concatenate([pushed, left[:, None]], axis=1))
     response, relaxed = solved[:, :-1], -solved[:, -1]
-    at = loads.values(body, z)
-    free = at + rows.T @ relaxed
-    return Linearised(HeldLoads(loads, at), left, rows, response, relaxed, free, rows.T @ response)
+    at = loads.values(body, state.z)
+    compliance = rows.T @ response
+    free = at + rows.T @ relaxed - compliance @ state.force
+    return Linearised(HeldLoads(loads, at), state.force, left, rows, response, relaxed, free, compliance)
+
+
+def settled_on(linear: Linearised, state: State) -> tuple[Settled, Float[Array, " P"]]:
+    """Forces f̃ and internal unknowns that obey the loads' laws on the linearised body, at a state's drives
+    and searched from its unknowns; and the ports' values y (P,) under them.
+    """
+    found = settle(linear.held, linear.free, linear.compliance, state.drive, (state.force, state.internal))
+    return found, linear.free + linear.compliance @ found.force
 
 
 class Coupled(eqx.Module):
@@ -78,10 +95,11 @@ class Coupled(eqx.Module):
     whole: Float[Array, "r r"]
 
     def respond(
-        self, inverse: Solve, load: Float[Array, "n j"], law: Float[Array, "r j"]
+        self, alone: Float[Array, "n j"], law: Float[Array, "r j"]
     ) -> tuple[Float[Array, "n j"], Float[Array, "r j"]]:
-        """Solve K δz − G_f δf = load (n, j), E_x δx + E_y Gᵀδz = law (r, j) for δz (n, j), δx (r, j)."""
-        alone = inverse(load)
+        """Solve K δz − G_f δf = K alone, E_x δx + E_y Gᵀδz = law (r, j) for δz (n, j), δx (r, j), `alone` (n,
+        j) being how the body would move without the loads' answer.
+        """
         dx = jnp.linalg.solve(self.whole, law - self.slope.y @ (self.linear.rows.T @ alone))
         return alone + self.linear.response @ dx[: self.pushed.shape[1]], dx
 

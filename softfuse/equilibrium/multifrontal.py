@@ -17,6 +17,8 @@ from softfuse.body.body import Body
 from softfuse.equilibrium.dissection import dissect
 from softfuse.equilibrium.linear_solver import AbstractLinearSolver
 
+_FEW_COLUMNS = 5
+
 
 class _Fronts(eqx.Module):
     """The index arrays of one `dissection.Batch` as leaves."""
@@ -34,6 +36,14 @@ def _gather_rows(blocks: Float[Array, "c t u"], rows: Int[Array, "c m"]) -> Floa
     return jax.vmap(lambda block, row: block.at[row].get(mode="promise_in_bounds"))(blocks, rows)
 
 
+def _inverse(blocks: Float[Array, "f s s"]) -> Float[Array, "f s s"]:
+    # By LU as in `jnp.linalg.inv`, whose general solve takes longer to trace and to compile for each shape.
+    lu, _, order = jax.lax.linalg.lu(blocks)
+    right = (order[:, :, None] == jnp.arange(blocks.shape[1])).astype(blocks.dtype)
+    half = jax.lax.linalg.triangular_solve(lu, right, left_side=True, lower=True, unit_diagonal=True)
+    return jax.lax.linalg.triangular_solve(lu, half, left_side=True)
+
+
 class Factor(eqx.Module):
     """What solving needs: for each batch of fronts D⁻¹ (f, s, s) and G = D⁻¹U (f, s, t)."""
 
@@ -48,6 +58,7 @@ class Multifrontal(AbstractLinearSolver):
 
     fronts: tuple[_Fronts, ...]
     n: int = eqx.field(static=True)
+    precision: str = eqx.field(static=True, default="float64")
 
     @classmethod
     def plan(cls, body: Body) -> "Multifrontal":
@@ -61,7 +72,8 @@ class Multifrontal(AbstractLinearSolver):
         )
 
         def index(a):
-            return jnp.asarray(a, jnp.int32)
+            # Converted by numpy and with the type named: else JAX compiles a program for every shape.
+            return jnp.asarray(np.asarray(a, np.int32), jnp.int32)
 
         fronts = tuple(
             _Fronts(
@@ -77,8 +89,13 @@ class Multifrontal(AbstractLinearSolver):
         )
         return cls(fronts, body.n)
 
+    def rough(self) -> "Multifrontal":
+        """The same plan in single precision: half the memory to move and half the time."""
+        return Multifrontal(self.fronts, self.n, "float32")
+
     def factor(self, element_tangents: Float[Array, "e d d"]) -> Factor:
         """Eliminate all fronts of the matrix that the element tangents (e, d, d) assemble to."""
+        element_tangents = element_tangents.astype(self.precision)
         schur: list[Array] = []
         inverses, couplings = [], []
         # Batches of one level are independent, and XLA's CPU runtime was seen to deadlock when it ran their
@@ -101,8 +118,9 @@ class Multifrontal(AbstractLinearSolver):
                 block = jnp.pad(schur[source][child], ((0, 0), (0, 1), (0, 1)))
                 front = front.at[parent].add(_gather_rows(_gather_rows(block, take).swapaxes(1, 2), take))
             d, u = front[:, :s, :s], front[:, :s, s:]
-            unit = jnp.where(batch.pivots == self.n, 1.0, 0.0)  # padding pivots get a unit diagonal
-            inverse = jnp.linalg.inv(d + unit[:, :, None] * jnp.eye(s))
+            # Padding pivots get a unit diagonal.
+            unit = (batch.pivots == self.n).astype(d.dtype)
+            inverse = _inverse(d + unit[:, :, None] * jnp.eye(s, dtype=d.dtype))
             coupling = inverse @ u
             schur.append(front[:, s:, s:] - u.swapaxes(1, 2) @ coupling)
             after = 0.0 * coupling.ravel()[:1].sum() + 0.0 * inverse[0, 0, 0]
@@ -112,16 +130,30 @@ class Multifrontal(AbstractLinearSolver):
 
     def solve(self, factor: Factor, rhs: Float[Array, "n k"]) -> Float[Array, "n k"]:
         """Solve for k right-hand sides (n, k) with a factor of the same plan."""
-        b = jnp.pad(rhs, ((0, 1), (0, 0)))
+        if rhs.shape[1] > _FEW_COLUMNS:
+            return self._solve(factor, rhs)
+        # A product with a matrix of few columns is slower on a CPU than as many with a vector.
+        return jnp.concatenate([self._solve(factor, rhs[:, k : k + 1]) for k in range(rhs.shape[1])], axis=1)
+
+    def _solve(self, factor: Factor, rhs: Float[Array, "n k"]) -> Float[Array, "n k"]:
+        b = jnp.pad(rhs.astype(self.precision), ((0, 1), (0, 0)))
         eliminated = []
         for batch, coupling in zip(self.fronts, factor.couplings, strict=True):
             y = b[batch.pivots]
             eliminated.append(y)
-            b = b.at[batch.border].add(-jnp.einsum("fst,fsk->ftk", coupling, y))
+            b = b.at[batch.border].add(-_product("fst,fsk->ftk", coupling, y))
         x = jnp.zeros_like(b)
         for batch, inverse, coupling, y in reversed(
             list(zip(self.fronts, factor.inverses, factor.couplings, eliminated, strict=True))
         ):
             x_border = x.at[self.n].set(0.0)[batch.border]
-            x = x.at[batch.pivots].set(inverse @ y - coupling @ x_border)
-        return x[: self.n]
+            x = x.at[batch.pivots].set(
+                _product("fst,ftk->fsk", inverse, y) - _product("fst,ftk->fsk", coupling, x_border)
+            )
+        return x[: self.n].astype(rhs.dtype)
+
+
+def _product(indices: str, matrices: Float[Array, "f s t"], columns: Float[Array, "f _ k"]) -> Array:
+    if columns.shape[2] == 1:
+        return jnp.einsum(indices.replace("k", ""), matrices, columns[:, :, 0])[:, :, None]
+    return jnp.einsum(indices, matrices, columns)

@@ -19,9 +19,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.body.body import Body, volume_ratios
-from softfuse.equilibrium.interface import settle, slopes, stiffness
+from softfuse.equilibrium.interface import slopes, stiffness
 from softfuse.equilibrium.linear_solver import AbstractLinearSolver, Solve, tangent_inverse
-from softfuse.equilibrium.linearised import coupled, linearise, loaded_tangents, stiffness_action, unbalanced
+from softfuse.equilibrium.linearised import (
+    coupled,
+    linearise,
+    loaded_tangents,
+    settled_on,
+    stiffness_map,
+    unbalanced,
+)
 from softfuse.equilibrium.load import HeldLoads, Loads
 from softfuse.equilibrium.solution import RESULTS, Solution, State, Stats
 
@@ -68,16 +75,16 @@ class _March(eqx.Module):
 
 
 def _iterate(newton: Newton, body: Body, loads: Loads, change: Array, at: _Iterate) -> _Iterate:
-    solver, state = newton.linear, at.state
+    # Each iteration solves only for what is out of balance, so that a rough factor serves.
+    solver, state = newton.linear.rough(), at.state
     factor = solver.factor(loaded_tangents(body, loads, state))
 
     def inverse(b):
         return solver.solve(factor, b)
 
-    linear = linearise(body, loads, inverse, state.z)
+    linear = linearise(body, loads, inverse, state)
     held = linear.held
-    settled = settle(held, linear.free, linear.compliance, state.drive, (state.force, state.internal))
-    y = linear.free + linear.compliance @ settled.force
+    settled, y = settled_on(linear, state)
     slope = slopes(held, (settled.force, settled.internal), y, state.drive)
     force = held.force(settled.force, y)
     system = coupled(loads, linear, slope)
@@ -100,7 +107,7 @@ def _iterate(newton: Newton, body: Body, loads: Loads, change: Array, at: _Itera
         flipped = ~(jnp.min(volume_ratios(body, trial.z)) > 0)
         missing = loads.equations(trial.force, trial.internal, loads.values(body, trial.z), trial.drive)
         left = unbalanced(body, loads, trial)
-        correction, _ = system.respond(inverse, -left[:, None], -missing[:, None])
+        correction, _ = system.respond(inverse(-left[:, None]), -missing[:, None])
         small = jnp.max(jnp.abs(correction[moves])) <= jnp.maximum(
             (1 - damping / 4) * length, newton.step_tolerance
         )
@@ -235,7 +242,7 @@ def _equilibrium_jvp(primals, tangents):
 def tangent_at(linear: AbstractLinearSolver, body: Body, loads: Loads, state: State) -> Solve:
     """K⁻¹ at a state by a factor of K itself, as a differentiable map (`linear_solver.tangent_inverse`)."""
     factor = linear.factor(loaded_tangents(*jax.lax.stop_gradient((body, loads, state))))
-    return tangent_inverse(linear, factor, lambda x: stiffness_action(body, loads, state, x), refinements=0)
+    return tangent_inverse(linear, factor, stiffness_map(body, loads, state), refinements=0)
 
 
 def solve(newton: Newton, body: Body, loads: Loads, drive: Float[Array, " D"], start: State) -> Solution:

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float, Int
 from softfuse.body.body import Body
 from softfuse.equilibrium.load import AbstractContact, AbstractLoad, LinearPorts, Sizes
 from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.face_search import EveryFace
 from softfuse.functional.pressure_cells import PressureCells
 
 
@@ -119,7 +120,8 @@ class PatchContact(AbstractContact):
 
     def at(self, place: Int[Array, ""]) -> tuple[Contact, ...]:
         """The patches of electrode number `place`."""
-        surface = ContactSurface(self.faces, self.direction[place], self.tangents[place])
+        every = EveryFace(len(self.faces))
+        surface = ContactSurface(self.faces, self.direction[place], self.tangents[place], every)
         middles = self.location[place]
         return tuple(Contact(surface, self.cells, middle, self.radius) for middle in middles)
 

@@ -22,6 +22,14 @@ class RESULTS(eqx.Enumeration):
     step_limit = "step limit: more load steps are needed; raise max_load_steps"
 
 
+_NAMES = ("converged", "diverged", "snapped", "inverted", "step_limit")
+
+
+def result_name(result: RESULTS) -> str:
+    """The name of how a solve ended, such as "converged"; `RESULTS[result]` says it in a sentence."""
+    return next(name for name in _NAMES if bool(result == getattr(RESULTS, name)))
+
+
 class State(eqx.Module):
     """What changes while a body deforms under its loads.
 

@@ -3,10 +3,11 @@
 The two jitted pieces, sensors and `estimate_step`, are compiled ahead and never again. Between frames this
 file decides whether the factor of the tangent is renewed: when the step found that a refinement shrinks the
 error of its linear solves by less than `refresh_contraction`. While nothing touches, the body rests and the
-factor at rest serves. Nothing here is timed or threaded; `hardware` does that.
+factor at rest serves. Only compiling is threaded here; `hardware` does the rest.
 """
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -73,12 +74,15 @@ class Estimator:
         number of drives than contacts and attached loads have.
         """
         self.device, self.limits, self.settings = device, limits, settings
-        self._rest = device.rest_state(places)
+        # One program: as single operations every one would be compiled for itself.
+        self._rest = eqx.filter_jit(Device.rest_state)(device, places)
         if limits.upper.shape != self._rest.drive.shape:
             raise SolveError(
                 f"{limits.upper.shape[0]} limits for {self._rest.drive.shape[0]} drives: give one for each "
                 "contact, then for each attached load"
             )
+        # Each step refines what it solves for, so a rough factor serves.
+        device = eqx.tree_at(lambda d: d.linear, device, device.linear.rough())
         arrays, static = eqx.partition(device, eqx.is_array)
         self._arrays = arrays
 
@@ -91,15 +95,19 @@ class Estimator:
             return estimate_step(device, limits, factor, state, seen, refinements=settings.refinements)
 
         started = time.perf_counter()
-        self._factor = jax.jit(factor).lower(arrays, self._rest, places).compile()
+        lowered = jax.jit(factor).lower(arrays, self._rest, places)
+        k = device.readings
+        seen = Observation(jnp.zeros(k), jnp.zeros(k), places)
+        # XLA compiles one program on another thread while the other is traced and compiled on this one.
+        with ThreadPoolExecutor(1) as aside:
+            compiled = aside.submit(lowered.compile)
+            self._step = jax.jit(step).lower(arrays, limits, lowered.out_info, self._rest, seen).compile()
+            self._factor = compiled.result()
         self._rest_factor = self._factor(arrays, self._rest, places)
-        if not all(bool(jnp.all(jnp.isfinite(leaf))) for leaf in jax.tree.leaves(self._rest_factor)):
+        if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(self._rest_factor)):
             raise SolveError(
                 "the body's stiffness at rest is singular: fix more nodes, or mend materials and mesh"
             )
-        k = device.readings
-        seen = Observation(jnp.zeros(k), jnp.zeros(k), places)
-        self._step = jax.jit(step).lower(arrays, limits, self._rest_factor, self._rest, seen).compile()
         self.compile_s = time.perf_counter() - started
         self.reset()
 

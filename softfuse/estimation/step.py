@@ -16,8 +16,11 @@ then z = z₀ + t Δu. Where a contact's place is its forces' (`Limits.place`), 
 each joins the sum, a_i the forces' arms about the middle and F the contact's force before the step. ε damps
 the step and leaves no bias once the steps have converged. The factor of K may belong to an older tangent:
 refinements with the tangent's own action make up for it, and their first contraction is returned so that the
-caller knows when a new factor pays.
+caller knows when a new factor pays. A second refinement is made only where the first did not come close.
 """
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -25,15 +28,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
 from softfuse.body.body import volume_ratios
-from softfuse.equilibrium.interface import settle, slopes
+from softfuse.equilibrium.interface import slopes
 from softfuse.equilibrium.linear_solver import Solve
-from softfuse.equilibrium.linearised import coupled, linearise, stiffness_action
+from softfuse.equilibrium.linearised import coupled, linearise, settled_on, stiffness_map
 from softfuse.equilibrium.load import Loads
 from softfuse.equilibrium.newton import tangent_at
 from softfuse.equilibrium.solution import State
 from softfuse.estimation.bounded_qp import Rows, solve_bounded_qp
 from softfuse.estimation.device import Device
 from softfuse.estimation.limits import Limits
+
+_CLOSE = 5e-2
+"""A first refinement that is smaller than this part of the solution leaves an error of its square."""
 
 _LEAST_FORCE_N = 0.05
 """A contact's force below which its place is held as if it were that large."""
@@ -90,38 +96,65 @@ def _place_rows(
     return jnp.zeros((contacts, drive.shape[0])).at[:, : contacts * each].set(spread.reshape(contacts, -1))
 
 
+class _Solved(NamedTuple):
+    """Motions (n, j), changes of the loads' unknowns (r, j), and the first refinement's contraction."""
+
+    dz: Float[Array, "n j"]
+    dx: Float[Array, "r j"]
+    contraction: Float[Array, ""]
+
+
+def _refined(solved: _Solved, improve: Callable, moves: slice, refinements: int) -> _Solved:
+    """So many refinements by `improve`, (dz, dx) ↦ (ddz, ddx), after the first only where that was not
+    close.
+    """
+
+    def refine(at: _Solved, first: Array) -> _Solved:
+        ddz, ddx = improve(at.dz, at.dx)
+        size, change = (jnp.linalg.norm(each[moves], axis=0) for each in (at.dz, ddz))
+        contraction = jnp.where(first, jnp.max(change / (size + 1e-12)), at.contraction)
+        return _Solved(at.dz + ddz, at.dx + ddx, contraction)
+
+    def next_one(at: _Solved, first: Array) -> tuple[_Solved, None]:
+        # Not `>=`: a contraction that is no number goes on, and stays none.
+        close = ~first & (at.contraction < _CLOSE)
+        return jax.lax.cond(close, lambda at, _: at, refine, at, first), None
+
+    # A loop, so that the solve, the largest part of the step's program, is compiled once for all of them.
+    return jax.lax.scan(next_one, solved, jnp.arange(refinements) == 0)[0]
+
+
 def advance(
     device: Device, limits: Limits, inverse: Solve, state: State, seen: Observation, *, refinements: int
 ) -> tuple[State, StepReport]:
-    """One estimate step with K⁻¹ as the map `inverse`, refined `refinements` times; the state after it, and
-    its report.
+    """One estimate step with K⁻¹ as the map `inverse`, refined up to `refinements` times; the state after it,
+    and its report.
     """
     body, loads = device.body, device.loads(seen.places)
     moves = slice(0, body.n_displacements)
-    linear = linearise(body, loads, inverse, state.z)
+    linear = linearise(body, loads, inverse, state)
     held = linear.held
-    settled = settle(held, linear.free, linear.compliance, state.drive, (state.force, state.internal))
+    settled, y = settled_on(linear, state)
     x, q, drives = (settled.force, settled.internal), settled.force.shape[0], state.drive.shape[0]
-    y = linear.free + linear.compliance @ settled.force
     slope = slopes(held, x, y, state.drive)
     system = coupled(loads, linear, slope)
     pushed = system.pushed
-    # First column: the correction at unchanged drives. Others: the sensitivity to each drive.
+    # First column: the correction at unchanged drives. Others: the sensitivity to each drive, which moves the
+    # body through the laws only. What it does alone is known from its linearisation.
     at = State(state.z, settled.force, settled.internal, state.drive)
-    unsettled = linear.residual - pushed @ settled.force
+    unsettled = linear.unbalanced - pushed @ (settled.force - linear.force)
     load = jnp.zeros((body.n, 1 + drives)).at[:, 0].set(-unsettled)
+    alone = jnp.zeros((body.n, 1 + drives)).at[:, 0].set(linear.step(settled.force))
     missing = held.equations(*x, y, state.drive) + slope.y @ (held.at - y)
     law = -jnp.concatenate([missing[:, None], slope.drive], axis=1)
-    dz, dx = system.respond(inverse, load, law)
-    contraction = jnp.zeros(())
-    for sweep in range(refinements):
-        left = load + pushed @ dx[:q] - stiffness_action(body, loads, at, dz)
-        ddz, ddx = system.respond(inverse, left, law - slope.x @ dx - slope.y @ (linear.rows.T @ dz))
-        if sweep == 0:
-            contraction = jnp.max(
-                jnp.linalg.norm(ddz[moves], axis=0) / (jnp.linalg.norm(dz[moves], axis=0) + 1e-12)
-            )
-        dz, dx = dz + ddz, dx + ddx
+    stiffness = stiffness_map(body, loads, at)
+
+    def improve(dz, dx):
+        left = load + pushed @ dx[:q] - stiffness(dz)
+        return system.respond(inverse(left), law - slope.x @ dx - slope.y @ (linear.rows.T @ dz))
+
+    first = _Solved(*system.respond(alone, law), jnp.zeros(()))
+    dz, dx, contraction = _refined(first, improve, moves, refinements)
     dx = dx.at[:q].add(-loads.supports[:, None] * (pushed.T @ dz))  # what the springs carried
     settled_at = _moved(at, dz[:, 0], dx[:, 0])
     along = jax.vmap(lambda z, x: State(z, x[:q], x[q:], jnp.zeros(drives)), 1)(dz[:, 1:], dx[:, 1:])
@@ -151,7 +184,7 @@ def advance(
         w,
         kkt,
         taken,
-        jnp.max(jnp.abs(linear.residual - pushed @ state.force)[moves]),
+        jnp.max(jnp.abs(linear.unbalanced)[moves]),
         contraction,
         jnp.min(volume_ratios(body, after.z)),
     )
@@ -167,7 +200,9 @@ def estimate_step(
     *,
     refinements: int = 2,
 ) -> tuple[State, StepReport]:
-    """The live step: one `advance` with a factor of a tangent not far from here. Pure; compiled once."""
+    """The live step: one `advance` with a factor of a tangent not far from here, of the solver that made it.
+    Pure; compiled once.
+    """
 
     def inverse(b):
         return device.linear.solve(factor, b)

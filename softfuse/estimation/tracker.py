@@ -4,20 +4,20 @@ The senses decide what touches and where; each frame's readings drive one estima
 contacts may press that are touched. While nothing touches a device to which nothing is attached, its body is
 taken to rest. What the model misses while nothing is near is taken off the readings of the touch that follows
 (`model_offset`). What cannot be trusted gets a status, and a number that would be a guess is NaN. Nothing
-here is threaded or reads files; `hardware` does that.
+here is threaded, but for compiling, or reads files; `hardware` does that.
 """
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 from softfuse.equilibrium.solution import State
+from softfuse.estimation.compiled_senses import CompiledSenses, Finding
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimate, Estimator, StepSettings
 from softfuse.estimation.limits import Limits
@@ -114,22 +114,12 @@ class Tracker:
         Raises SolveError when the body cannot be estimated or the limits do not fit, see `Estimator`.
         """
         self.settings = settings
-        arrays, static = eqx.partition(senses, eqx.is_array)
-        self._arrays = arrays
-        self._first = senses.init()
-
-        def sense(arrays, state, time_s, readings):
-            return eqx.combine(arrays, static).update(state, time_s, readings)
-
-        blank = tuple(jnp.zeros(n) for n in senses.channels)
-        self._float = blank[0].dtype
         started = time.perf_counter()
-        self._sense = jax.jit(sense).lower(arrays, self._first, jnp.zeros(()), blank).compile()
-        like = jax.eval_shape(sense, arrays, self._first, jnp.zeros(()), blank)[1].places
-        places = jnp.zeros(like.shape, like.dtype)
+        with ThreadPoolExecutor(1) as aside:
+            self._senses = CompiledSenses(senses, aside)
+            places = self._senses.places
+            self.estimator = Estimator(device, limits, places, steps)
         self.compile_s = time.perf_counter() - started
-        self.estimator = Estimator(device, limits, places, steps)
-        self.compile_s += self.estimator.compile_s
         self._limits, self._upper = limits, np.asarray(limits.upper)
         self._split = places.shape[0] * device.contact.drives
         free = self._upper[self._split :] > np.asarray(limits.lower)[self._split :]
@@ -143,7 +133,8 @@ class Tracker:
 
     def reset(self) -> None:
         """Forget the past: nothing has been read, nothing touches."""
-        self._memory, self._stroke, self._seen_s = self._first, 0.0, -np.inf
+        self._senses.reset()
+        self._stroke, self._seen_s = 0.0, -np.inf
         self._offset = ModelOffset.none(self.estimator.device.readings)
         self.estimator.reset()
 
@@ -153,22 +144,18 @@ class Tracker:
         found = self.estimate(frame.time_s, self.sense(frame))
         return replace(found, latency_s=time.perf_counter() - started)
 
-    def sense(self, frame: Frame) -> Sensed:
-        """Advance the senses by one frame, without estimating: what it says.
+    def sense(self, frame: Frame) -> Finding:
+        """Advance the senses by one frame, without estimating: what it says, not yet read.
 
         Senses integrate, average and debounce, so that they want every frame, also where forces and shape
         are estimated from fewer.
         """
-        # The compiled program takes numpy's arrays as they are; nothing is read back unless it is needed.
-        readings = tuple(np.asarray(group, self._float) for group in frame.readings)
-        now = np.asarray(frame.time_s, self._float)
-        self._memory, sensed = self._sense(self._arrays, self._memory, now, readings)
-        return sensed
+        return self._senses.update(frame.time_s, frame.readings)
 
-    def estimate(self, time_s: float, sensed: Sensed) -> Tracked:
+    def estimate(self, time_s: float, finding: Finding) -> Tracked:
         """Forces and shape from what the senses said last, at `time_s` [s]."""
         started = time.perf_counter()
-        sensed = jax.tree.map(np.asarray, sensed)
+        sensed = finding.sensed
         said = [status for status, true in sensed.flags.items() if true]
         attached = len(self._upper) - self._split
         drive, misfit = np.zeros(len(self._upper)), np.full(sensed.reading.shape, np.nan)

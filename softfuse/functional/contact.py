@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.body.body import Body
 from softfuse.body.shape import linear, quadratic
+from softfuse.functional.face_search import AbstractFaceSearch, EveryFace, FaceBuckets
 from softfuse.functional.pressure_cells import PressureCells
 
 _GRAZING = 0.1  # cosine below which a face is seen edge-on
@@ -33,73 +34,100 @@ class Landed(eqx.Module):
 
 
 class ContactSurface(eqx.Module):
-    """Faces (f, 3) or (f, 6) that can be pressed along the unit vector `direction` (3,), and unit tangents
-    (2, 3) across it, whose cross product it is.
+    """Faces (f, 3) or (f, 6) that can be pressed along the unit vector `direction` (3,), unit tangents (2, 3)
+    across it, whose cross product it is, and how the faces under a point are found.
     """
 
     faces: Int[Array, "f s"]
     direction: Float[Array, "3"]
     tangents: Float[Array, "2 3"]
+    search: AbstractFaceSearch
 
     @classmethod
     def pressed(cls, faces: Int[np.ndarray, "f s"], direction: Float[np.ndarray, "3"]) -> "ContactSurface":
-        """Outward faces (f, s) pressed along a direction (3,) of any length."""
-        d = np.asarray(direction, float) / np.linalg.norm(direction)
-        first = np.eye(3)[np.argmin(np.abs(d))]
-        first = first - d * (first @ d)
-        first /= np.linalg.norm(first)
-        tangents = np.stack([first, np.cross(d, first)])
-        return cls(jnp.asarray(faces), jnp.asarray(d), jnp.asarray(tangents))
+        """Outward faces (f, s) pressed along a direction (3,) of any length, each point tested on all."""
+        d, tangents = _axes(direction)
+        return cls(jnp.asarray(faces), jnp.asarray(d), jnp.asarray(tangents), EveryFace(len(faces)))
 
     @classmethod
     def facing(
         cls, faces: Int[np.ndarray, "f s"], rest: Float[np.ndarray, "k 3"], direction: Float[np.ndarray, "3"]
     ) -> "ContactSurface":
         """Those of the outward faces (f, s) of nodes at `rest` (k, 3) m that look against the direction (3,):
-        the only ones that points can land on, so leaving out the others saves time.
+        the only ones that points can land on, and each point tested on those near it (`FaceBuckets`).
         """
+        d, tangents = _axes(direction)
         corner = np.asarray(rest)[np.asarray(faces)[:, :3]]
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-        d = np.asarray(direction, float) / np.linalg.norm(direction)
-        return cls.pressed(faces[normal @ d < -_GRAZING * np.linalg.norm(normal, axis=1)], direction)
+        seen = normal @ d < -_GRAZING * np.linalg.norm(normal, axis=1)
+        search = FaceBuckets.over(corner[seen] @ tangents.T)
+        return cls(jnp.asarray(faces[seen]), jnp.asarray(d), jnp.asarray(tangents), search)
 
     def land(self, rest: Float[Array, "k 3"], points: Float[Array, "p 3"]) -> Landed:
-        """Where points (p, 3) m meet the surface of nodes at `rest` (k, 3) m along the direction."""
+        """Where points (p, 3) m meet the surface of nodes at `rest` (k, 3) m along the direction.
+
+        Differentiable in both, on the faces that they meet; how far `rest` may be from where the surface was
+        made for is up to its search.
+        """
         corners = rest[self.faces[:, :3]]
         flat, target = corners @ self.tangents.T, points @ self.tangents.T
-        still, still_flat, still_target = jax.lax.stop_gradient((corners, flat, target))
-        normal = jnp.cross(still[:, 1] - still[:, 0], still[:, 2] - still[:, 0])
-        facing = normal @ self.direction < -_GRAZING * jnp.linalg.norm(normal, axis=1)
-        # A face seen edge-on has no barycentric coordinates: any other triangle in its place does.
-        seen = jnp.where(facing[:, None, None], still_flat, jnp.eye(3, 2))
-        everywhere = _barycentric(still_target[:, None], seen[None])
-        inside = (jnp.min(everywhere, axis=-1) >= -1e-9) & facing
-        # Of several faces in line the one that the disc meets first.
-        height = jnp.mean(still @ self.direction, axis=1)
-        met = jnp.any(inside, axis=1)
-        face = jnp.where(met, jnp.argmin(jnp.where(inside, height, jnp.inf), axis=1), jnp.argmax(facing))
+        face, met = self._outermost(*jax.lax.stop_gradient((corners, flat, target)))
         values = linear if self.faces.shape[1] == 3 else quadratic
 
         def shape_at(place, triangle):
-            return values(_barycentric(place, triangle))
+            return values(jnp.stack(_barycentric(place - triangle[0], _slopes(triangle))))
 
         shape = jax.vmap(shape_at)(target, flat[face])
         slopes = jax.vmap(jax.jacfwd(shape_at))(target, flat[face])
         return Landed(self.faces[face], shape, slopes, met)
 
+    def _outermost(
+        self, corners: Float[Array, "f 3 3"], flat: Float[Array, "f 3 2"], target: Float[Array, "p 2"]
+    ) -> tuple[Int[Array, " p"], Bool[Array, " p"]]:
+        """The face (p,) that the disc meets first of those in line with each point, and whether there is one;
+        where there is none, one that faces the disc.
+        """
+        normal = jnp.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        facing = normal @ self.direction < -_GRAZING * jnp.linalg.norm(normal, axis=1)
+        # A face seen edge-on has no barycentric coordinates: any other triangle in its place does.
+        seen = jnp.where(facing[:, None, None], flat, jnp.eye(3, 2))
+        height = jnp.where(facing, jnp.mean(corners @ self.direction, axis=1), jnp.inf)
+        # In one table, so that what the test of a candidate needs is fetched together.
+        table = jnp.concatenate([seen[:, 0], _slopes(seen).reshape(-1, 4), height[:, None]], axis=1)
+        candidate = self.search.candidates(target)
+        corner, slopes, height = jnp.split(table[candidate], [2, 6], axis=-1)
+        first, second, third = _barycentric(target[:, None] - corner, slopes.reshape(*slopes.shape[:2], 2, 2))
+        inside = jnp.minimum(first, jnp.minimum(second, third)) >= -1e-9
+        height = jnp.where(inside, height[..., 0], jnp.inf)
+        met = jnp.any(height < jnp.inf, axis=1)
+        lowest = jnp.argmin(height, axis=1)[:, None]
+        face = jnp.take_along_axis(jnp.broadcast_to(candidate, height.shape), lowest, axis=1)[:, 0]
+        return jnp.where(met, face, jnp.argmax(facing)), met
 
-def _barycentric(point: Float[Array, "... 2"], triangle: Float[Array, "... 3 2"]) -> Float[Array, "... 3"]:
-    edge_1, edge_2 = triangle[..., 1, :] - triangle[..., 0, :], triangle[..., 2, :] - triangle[..., 0, :]
-    offset = point - triangle[..., 0, :]
 
-    def area(a, b):
-        return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+def _axes(direction: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "2 3"]]:
+    """The unit vector of a direction (3,), and unit tangents (2, 3) across it whose cross product it is."""
+    d = np.asarray(direction, float) / np.linalg.norm(direction)
+    first = np.eye(3)[np.argmin(np.abs(d))]
+    first = first - d * (first @ d)
+    first /= np.linalg.norm(first)
+    return d, np.stack([first, np.cross(d, first)])
 
-    second, third = area(offset, edge_2), area(edge_1, offset)
-    return (
-        jnp.stack([area(edge_1, edge_2) - second - third, second, third], -1)
-        / area(edge_1, edge_2)[..., None]
-    )
+
+def _slopes(triangle: Float[Array, "... 3 2"]) -> Float[Array, "... 2 2"]:
+    """Gradients (..., 2, 2) [1/m] of the barycentric coordinates of the second and third corner."""
+    (x2, y2), (x3, y3) = (jnp.moveaxis(triangle[..., k, :] - triangle[..., 0, :], -1, 0) for k in (1, 2))
+    twice = x2 * y3 - y2 * x3
+    return jnp.stack([jnp.stack([y3, -x3], -1), jnp.stack([-y2, x2], -1)], -2) / twice[..., None, None]
+
+
+def _barycentric(
+    offset: Float[Array, "... 2"], slopes: Float[Array, "... 2 2"]
+) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
+    """The three barycentric coordinates at an offset (..., 2) m from the first corner."""
+    x, y = offset[..., 0], offset[..., 1]
+    second, third = (slopes[..., k, 0] * x + slopes[..., k, 1] * y for k in (0, 1))
+    return 1 - second - third, second, third
 
 
 class Contact(eqx.Module):
@@ -116,15 +144,21 @@ class Contact(eqx.Module):
         points = self.location + self.radius * (self.cells.points @ self.surface.tangents)
         return self.surface.land(body.rest, points)
 
+    def nodal(self, body: Body) -> tuple[Int[Array, "p s"], Float[Array, "p s"]]:
+        """The nodes (p, s) that carry a newton in a point's cell, and their parts (p, s) [-] of it, along the
+        direction; the point's cell is `cells.cell`. Nodes may come several times, and held ones come too.
+        """
+        on = self._landed(body)
+        return on.nodes, jnp.where(on.met, self.cells.share, 0.0)[:, None] * on.shape
+
     def rows(self, body: Body) -> Float[Array, "n m"]:
         """∂g_k/∂z (n, m) [-]: nodal forces per newton in cell k; its transpose times z gives the
         displacements g (m,) [m].
         """
-        on = self._landed(body)
-        share = jnp.where(on.met[:, None], self.cells.shares, 0.0)
-        force = on.shape[:, :, None, None] * self.surface.direction[:, None] * share[:, None, None, :]
-        index = body.displacement_index[on.nodes]
-        return jnp.zeros((body.n, self.cells.count)).at[index].add(force, mode="drop")
+        nodes, force = self.nodal(body)
+        index, cell = body.displacement_index[nodes], self.cells.cell[:, None, None]
+        each = force[:, :, None] * self.surface.direction
+        return jnp.zeros((body.n, self.cells.count)).at[index, cell].add(each, mode="drop")
 
     def frame(self, body: Body) -> tuple[Float[Array, " 9"], Float[Array, "n 9"]]:
         """Mean position x (3,) [m] of the patch and its mean tangents ∂x/∂s_1, ∂x/∂s_2 (3,) [-] at rest, and
@@ -134,7 +168,7 @@ class Contact(eqx.Module):
         into the body.
         """
         on = self._landed(body)
-        share = jnp.where(on.met, jnp.sum(self.cells.shares, axis=1), 0.0)
+        share = jnp.where(on.met, self.cells.share, 0.0)
         share = share / jnp.sum(share)
         each = share[:, None, None] * jnp.concatenate([on.shape[:, :, None], on.slopes], axis=2)
         rest = jnp.einsum("psk,psi->ki", each, body.rest[on.nodes]).ravel()

@@ -12,21 +12,18 @@ cell pressures are then the exact solution. Quadrature in s = √(1 − r²) tak
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 
 class PressureCells(eqx.Module):
-    """Quadrature points (p, 2) on the unit disc and the share (p, m) of cell k's force that acts there;
-    columns sum to 1.
+    """Quadrature points (p, 2) on the unit disc, the number (p,) of the cell that each belongs to, the share
+    (p,) of that cell's force that acts there, and the `count` of cells; the shares of a cell sum to 1.
     """
 
     points: Float[Array, "p 2"]
-    shares: Float[Array, "p m"]
-
-    @property
-    def count(self) -> int:
-        """Number of cells."""
-        return self.shares.shape[1]
+    cell: Int[Array, " p"]
+    share: Float[Array, " p"]
+    count: int = eqx.field(static=True)
 
 
 def uniform(*, rings: int = 10, angles: int = 32) -> PressureCells:
@@ -35,10 +32,9 @@ def uniform(*, rings: int = 10, angles: int = 32) -> PressureCells:
     radius = np.sqrt(0.5 * (nodes + 1))  # r² is uniform over the disc's area
     turn = 2 * np.pi / angles * (np.arange(angles) + 0.5 * (np.arange(rings) % 2)[:, None])
     points = radius[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-    return PressureCells(
-        jnp.asarray(points.reshape(-1, 2)),
-        jnp.asarray(np.repeat(weights / weights.sum() / angles, angles)[:, None]),
-    )
+    share = np.repeat(weights / weights.sum() / angles, angles)
+    cell = jnp.zeros(len(share), jnp.int32)
+    return PressureCells(jnp.asarray(points.reshape(-1, 2)), cell, jnp.asarray(share), 1)
 
 
 def flat_punch(
@@ -60,8 +56,10 @@ def flat_punch(
             turn = 2 * np.pi / count * (k + nodes)
             where.append(radius[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1))
         inner = rim
-    share = np.outer(weights, weights).ravel()
+    share, count = np.outer(weights, weights).ravel(), len(where)
     return PressureCells(
         jnp.asarray(np.concatenate([w.reshape(-1, 2) for w in where])),
-        jnp.asarray(np.kron(np.eye(len(where)), share[:, None])),
+        jnp.asarray(np.repeat(np.arange(count, dtype=np.int32), len(share))),
+        jnp.asarray(np.tile(share, count)),
+        count,
     )

@@ -17,7 +17,7 @@ from softfuse.experiment.pad_touches import PadTouches, pad_touches
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_pad import PadErrors, PadSettings, Touch, virtual_pad
 from softfuse.mesh.pad import PadGeometry
-from softfuse.sensing.diamond_array import array_response, line_points
+from softfuse.sensing.diamond_array import array_points, array_response, line_points
 
 MM = 1e-3
 DRAWING = PadGeometry(
@@ -123,10 +123,11 @@ def test_the_field_peaks_where_the_estimators_own_model_does() -> None:
     """Two independent models of one experiment: charges under a grounded cylinder."""
     field = ArrayField(LINES, FINE)
     own = np.array(PITCH)
-    rows, columns = line_points(own, own, 0.0005), line_points(own, own, 0.0)
+    points = array_points(line_points(own, own, 0.0005), line_points(own, own, 0.0), 8e-3)
+    depth = np.repeat([1.5e-3, 1.0e-3], 8)
     for at in ((13.4e-3, -5.1e-3), (0.0, 0.0), (24e-3, 24e-3)):
         signal = field.lines(at, 0.0) - field.alone
-        asked = array_response(rows, columns, np.array(at), 10e-3, 1.5e-3, 1.0e-3, 8e-3)
+        asked = array_response(points, np.array(at), 10e-3, depth)
         for lines in (slice(0, 8), slice(8, 16)):
             model = np.stack([np.asarray(asked[lines]), np.ones(8)], axis=1)
             fitted, *_ = np.linalg.lstsq(model, signal[lines], rcond=None)

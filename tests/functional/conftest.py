@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from softfuse.functional import PressureCells
 from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.tetmesh import TetMesh, tet_mesh
@@ -21,3 +22,9 @@ def box() -> Callable[..., TetMesh]:
         return oriented(tet_mesh(mesh.nodes, mesh.tets))
 
     return build
+
+
+@pytest.fixture(scope="session")
+def shares() -> Callable[[PressureCells], np.ndarray]:
+    """shares(cells): part (p, m) of each cell's force at each point."""
+    return lambda cells: np.eye(cells.count)[np.asarray(cells.cell)] * np.asarray(cells.share)[:, None]

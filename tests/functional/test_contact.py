@@ -91,14 +91,14 @@ def test_unit_force_through_the_location(block, element, direction) -> None:
     np.testing.assert_allclose(moment, 0.0, rtol=0, atol=1e-13 * RADIUS)
 
 
-def test_every_cell_pushes_where_it_stands(block) -> None:
+def test_every_cell_pushes_where_it_stands(block, shares) -> None:
     body, cells = _body(block), flat_punch((0.6, 1.0), (2, 5))
     surface = _surface(block, OBLIQUE)
     contact = _contact(surface, cells)
     force = _nodal(body, _rows(contact, body))
     d = np.asarray(surface.direction)
     np.testing.assert_allclose(force.sum(axis=0), np.tile(d[:, None], cells.count), rtol=0, atol=1e-14)
-    offset = RADIUS * np.asarray(cells.shares.T @ cells.points @ surface.tangents)
+    offset = RADIUS * shares(cells).T @ np.asarray(cells.points @ surface.tangents)
     moment = np.cross(np.asarray(body.rest)[:, :, None] - CENTRE[:, None], force, axis=1).sum(axis=0)
     np.testing.assert_allclose(moment.T, np.cross(offset, d), rtol=0, atol=1e-13 * RADIUS)
 
@@ -113,7 +113,7 @@ def test_a_disc_over_a_step_still_pushes_through_its_location(step) -> None:
     np.testing.assert_allclose(moment, 0.0, rtol=0, atol=1e-13 * RADIUS)
     upper = np.isclose(body.rest[:, 2], HEIGHT)
     x = location[0] + RADIUS * np.asarray(contact.cells.points @ contact.surface.tangents)[:, 0]
-    above = float(np.asarray(contact.cells.shares)[x < 0.5 * SIZE].sum())
+    above = float(np.asarray(contact.cells.share)[x < 0.5 * SIZE].sum())
     assert 0.5 < above < 0.9
     np.testing.assert_allclose(force[upper].sum(axis=0), above * DOWN, rtol=0, atol=1e-14)
     np.testing.assert_allclose(force[~upper].sum(axis=0), (1 - above) * DOWN, rtol=0, atol=1e-14)
@@ -135,7 +135,7 @@ def test_only_the_outermost_of_two_surfaces_is_pressed(box) -> None:
     np.testing.assert_array_equal(up, 0.0)
 
 
-def test_linear_fields_are_read_exactly_on_every_mesh(block, finer) -> None:
+def test_linear_fields_are_read_exactly_on_every_mesh(block, finer, shares) -> None:
     slope = np.random.default_rng(0).normal(size=(3, 3))
     cells = flat_punch()
     for direction in (DOWN, OBLIQUE):
@@ -148,7 +148,7 @@ def test_linear_fields_are_read_exactly_on_every_mesh(block, finer) -> None:
         # Each point slides along d to the plane z = HEIGHT.
         points = CENTRE + RADIUS * np.asarray(cells.points) @ tangents
         points = points + np.outer((HEIGHT - points[:, 2]) / d[2], d)
-        expected = np.asarray(cells.shares).T @ (points @ slope.T @ d)
+        expected = shares(cells).T @ (points @ slope.T @ d)
         np.testing.assert_allclose(read, np.tile(expected, (3, 1)), rtol=1e-12)
 
 
