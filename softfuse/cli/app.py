@@ -20,6 +20,7 @@ from softfuse.cli.mesh import mesh
 from softfuse.cli.replay import replay
 from softfuse.cli.run import run
 from softfuse.cli.simulate import simulate
+from softfuse.cli.sweep import sweep
 from softfuse.cli.terminal import escape_log, printable, stderr, stdout
 from softfuse.cli.testbed import testbed
 from softfuse.cli.virtual_device import virtual_device
@@ -32,6 +33,7 @@ app = typer.Typer(
 )
 app.command()(mesh)
 app.command()(simulate)
+app.command()(sweep)
 app.command()(estimate)
 app.command()(calibrate)
 app.command()(run)

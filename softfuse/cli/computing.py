@@ -16,6 +16,9 @@ def prepare_jax() -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
+        # The many small programs of a start take longer to compile than to read.
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     if "JAX_COMPILATION_CACHE_DIR" in os.environ:
         return
     folder = platformdirs.user_cache_path("softfuse") / "jax"

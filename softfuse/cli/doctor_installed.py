@@ -11,6 +11,7 @@ from softfuse.cli.finding import Finding
 
 EXTRAS = {
     "viz": "the live view",
+    "sweep": "softfuse sweep",
     "mkl": "the solver of Intel's MKL",
     "dev": "the tests",
 }

@@ -16,7 +16,7 @@ from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
 from softfuse.equilibrium.punch import PunchContact
-from softfuse.equilibrium.solution import RESULTS
+from softfuse.equilibrium.solution import RESULTS, result_name
 from softfuse.errors import SolveError
 from softfuse.estimation.device import simulate as equilibrium_under
 from softfuse.mesh.files import write_mesh
@@ -78,11 +78,3 @@ def simulate(
 def trial_of(asked: Asked) -> AbstractTrial:
     """What is done to the device's kind of contact; raises SoftfuseError when it cannot be."""
     return DiscTrial(asked) if isinstance(asked.device.contact, PunchContact) else ElectrodeTrial(asked)
-
-
-def result_name(result: RESULTS) -> str:
-    """The name of a result code."""
-    for name in ("converged", "diverged", "inverted", "step_limit"):
-        if bool(result == getattr(RESULTS, name)):
-            return name
-    raise AssertionError("every result has a name")

@@ -9,6 +9,7 @@ from typing import Annotated
 import platformdirs
 import typer
 
+from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.terminal import Quiet, busy, stdout
 from softfuse.cli.virtual_boards import TruthFile, boards_of, line_seed
 from softfuse.cli.virtual_faults import HELP, parse_faults
@@ -70,7 +71,8 @@ def virtual_device(
         pace = AsFastAsRead() if rate == _FASTEST else RealTime()
         device = VirtualDevice(ports, pace, outages=faults.outages, plugged=_tell_ports)
         try:
-            device.run(for_s)
+            with termination_interrupts():
+                device.run(for_s)
         finally:
             for port in () if quiet else ports:
                 _tell_report(port)

@@ -4,7 +4,7 @@ import os
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import tomlkit
 import tomlkit.exceptions
@@ -12,7 +12,10 @@ from pydantic import ValidationError
 
 from softfuse.config.device import DeviceConfig
 from softfuse.config.problems import key_path, problem_lines
+from softfuse.config.settings import FileSettings
 from softfuse.errors import ConfigError
+
+TopTable = TypeVar("TopTable", bound=FileSettings)
 
 Edits = Mapping[tuple[str | int, ...], str | float | list[str]]
 """New values by key path: {("body", "material", 0, "young"): "0.55 MPa"}."""
@@ -25,11 +28,19 @@ def load(path: str | Path) -> DeviceConfig:
     or no TOML, a key is missing or unknown, a value has the wrong unit or is impossible, or a file that it
     names does not exist.
     """
-    return parse(_text(Path(path)), Path(path))
+    return parse(file_text(Path(path)), Path(path))
 
 
 def parse(text: str, path: Path) -> DeviceConfig:
     """The configuration in a TOML text; relative files start in the folder of path, which messages name.
+
+    Raises ConfigError as `load` does.
+    """
+    return validated(text, path, DeviceConfig)
+
+
+def validated(text: str, path: Path, model: type[TopTable]) -> TopTable:
+    """The settings of a kind in a TOML text; relative files start in the folder of path, which messages name.
 
     Raises ConfigError as `load` does.
     """
@@ -38,9 +49,9 @@ def parse(text: str, path: Path) -> DeviceConfig:
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not valid TOML: {error}") from error
     try:
-        return DeviceConfig.model_validate(raw, context={"folder": path.parent, "path": path})
+        return model.model_validate(raw, context={"folder": path.parent, "path": path})
     except ValidationError as error:
-        lines = problem_lines(error, raw, DeviceConfig)
+        lines = problem_lines(error, raw, model)
         raise ConfigError("\n".join(f"{path}: {line}" for line in lines)) from error
 
 
@@ -52,7 +63,7 @@ def save_edited(source: str | Path, target: str | Path, edits: Edits) -> DeviceC
     """
     source, target = Path(source), Path(target)
     load(source)
-    document = tomlkit.parse(_text(source))
+    document = tomlkit.parse(file_text(source))
     for place, value in edits.items():
         _set(document, place, value, source)
     _move_files(document, source.parent, target.parent)
@@ -82,7 +93,8 @@ def _megapascal(pressure: float) -> str:
     return f"{1e-6 * pressure:.6g} MPa"
 
 
-def _text(path: Path) -> str:
+def file_text(path: Path) -> str:
+    """The text of a file; raises ConfigError, which names it, when it cannot be read or is not UTF-8."""
     try:
         return path.read_bytes().decode("utf-8")
     except OSError as error:

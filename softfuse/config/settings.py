@@ -89,6 +89,9 @@ Span = Annotated[tuple[Length, Length], AfterValidator(_not_descending)]
 Range = Annotated[tuple[Length, Length], AfterValidator(_ascending)]
 """Lowest and highest value, in m."""
 
+Ascending = AfterValidator(_ascending)
+"""Marks a list whose values must ascend."""
+
 Positions = Annotated[tuple[Length, ...], AfterValidator(_ascending)]
 """Ascending positions along an axis, in m."""
 

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from softfuse.cli import main
-from softfuse.config import load
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -34,5 +33,4 @@ def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
         text = f'{text[:start]}{key} = "{value}{text[end:]}'
     path = tmp_path_factory.mktemp("config") / "coarse.toml"
     path.write_text(text)
-    load(path)
     return path

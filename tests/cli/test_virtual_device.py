@@ -2,18 +2,16 @@
 
 import csv
 import os
+import signal
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import serial
 
-from softfuse.cli.virtual_faults import Faults, parse_faults
-from softfuse.errors import SoftfuseError
 from softfuse.experiment import kept_poses
 from softfuse.experiment.finger_pushes import CONTACTS, Pose, Push, Steps, cable_levels, depth_levels
 from softfuse.experiment.pad_electrodes import AbstractPadElectrodes, GridElectrodes, LineElectrodes
@@ -21,9 +19,6 @@ from softfuse.experiment.pad_field import CrossedLines
 from softfuse.experiment.pad_touches import PadTouches
 from softfuse.experiment.virtual_finger import FingerSettings
 from softfuse.experiment.virtual_pad import PadPose
-from softfuse.hardware.virtual.line_faults import LineFaults
-from softfuse.hardware.virtual.sensor_faults import DeadSensor, SensorFaults
-from softfuse.hardware.virtual.serving import Outages
 from softfuse.hardware.wire.decoder import Decoder
 from softfuse.hardware.wire.message import EVERY_DEVICE, AskMessage, Header, SampleMessage, encode
 from softfuse.hardware.wire.packet import pack
@@ -33,7 +28,6 @@ ASK = pack(encode(AskMessage(Header(EVERY_DEVICE, 0, 0))))
 FLOWS = [f"flow{k}_V" for k in range(4)]
 LINES = [f"{side}{k}" for side in ("row", "col") for k in range(8)]
 CELLS = [f"cell{row}{column}" for row in range(4) for column in range(4)]
-NAMES = ("row3", "flow1_V")
 
 
 def made_up_touches(settings, electrodes: AbstractPadElectrodes, touches, gaps, *, solved=None) -> PadTouches:
@@ -313,6 +307,25 @@ def test_faults_are_told_at_the_end(
     assert listener.decoder.counts.line.crc_failures + listener.decoder.counts.line.cobs_failures > 0
 
 
+def test_a_termination_ends_it_as_an_interrupt_does(
+    code_of: Callable[..., int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    link, truth = tmp_path / "pad", tmp_path / "truth.csv"
+    listener = Listener(link)
+
+    def terminate() -> None:
+        while len(listener.samples) < 20:
+            time.sleep(0.01)
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=terminate, daemon=True).start()
+    assert code_of("virtual-device", CONFIGS / "pad.toml", "--link", link, "--truth", truth) == 130
+    assert not link.is_symlink()
+    assert "packets heard" in capsys.readouterr().out
+    with truth.open() as stream:
+        assert len(list(csv.DictReader(stream))) >= 20
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -378,21 +391,3 @@ def test_files_of_others_are_left_alone(
         assert code_of("virtual-device", CONFIGS / "pad.toml", option, mine, "--for", "1") == 2
         assert str(mine) in capsys.readouterr().err
     assert mine.read_text() == "precious"
-
-
-def test_faults_are_parsed() -> None:
-    asked = ["drop-bytes=1e-4", "flip-bits=0.001", "lose-samples=0.01", "power-cut=2/30", "clock-drift=-120"]
-    asked += ["silent=row3@20", "stuck=flow1_V@0"]
-    usual = Faults()
-    assert parse_faults(asked, NAMES) == replace(
-        usual,
-        line=LineFaults(1e-4, 1e-3),
-        sensors=SensorFaults(
-            0.01, (DeadSensor("row3", 20.0, silent=True), DeadSensor("flow1_V", 0.0, silent=False))
-        ),
-        outages=Outages(2.0, 30.0, powers=True),
-        drift_ppm=-120.0,
-    )
-    assert parse_faults([], NAMES) == usual
-    with pytest.raises(SoftfuseError):
-        parse_faults(["lose-samples=nan"], NAMES)

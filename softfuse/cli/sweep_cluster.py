@@ -1,0 +1,144 @@
+"""A sweep's chunks on the processes of a Dask cluster, on this computer or behind a scheduler's address.
+
+Who can reach a scheduler can run programs on its workers and its clients: Dask sends pickled objects. So the
+cluster on this computer listens on the loopback address only, with certificates of its own that live as long
+as the sweep, and without a dashboard; and an address that is given must be trusted.
+"""
+
+import logging
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from softfuse.cli.sweep_table import Value
+from softfuse.cli.sweep_worker import Chunk, solve_chunk
+from softfuse.errors import SoftfuseError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+log = logging.getLogger(__name__)
+
+_LOOPBACK = "127.0.0.1"
+_ANSWER_S = 10
+"""How long a scheduler may take to answer."""
+_EVENTS = "all"
+"""Dask's topic of what happens to workers."""
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def local_cluster(workers: int) -> "Iterator[Client]":
+    """A client of so many processes on this computer, which end with it.
+
+    Raises SoftfuseError when Dask is not installed.
+    """
+    with _dask():
+        import cryptography  # noqa: F401  Dask makes the certificates with it
+        from distributed import Client, LocalCluster, Security
+    make: Any = LocalCluster  # its annotations do not know what its documentation allows
+    cluster = make(
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        host=_LOOPBACK,
+        security=Security.temporary(),
+        dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": f"{_LOOPBACK}:0"},
+        worker_dashboard_address=None,
+        # Workers keep no data that could be moved to disk, and compiling may need much memory for a while.
+        memory_limit=0,
+        silence_logs=logging.CRITICAL,
+        preload=["softfuse.cli.sweep_worker"],
+        # XLA would otherwise start as many threads in every process as there are cores.
+        env={"NPROC": str(max(1, cores() // workers))},
+    )
+    with cluster, Client(cluster) as client:
+        yield client
+
+
+@contextmanager
+def remote_cluster(address: str) -> "Iterator[Client]":
+    """A client of the scheduler at an address such as tcp://host:8786.
+
+    Raises SoftfuseError when Dask is not installed or none answers there.
+    """
+    with _dask():
+        from distributed import Client
+    try:
+        client = Client(address, timeout=_ANSWER_S)
+    except (OSError, ValueError) as error:
+        raise SoftfuseError(
+            f"--scheduler {address}: no Dask scheduler answers there: {_first_line(error)}"
+        ) from error
+    with client:
+        if not client.scheduler_info()["workers"]:
+            log.warning("the scheduler at %s has no workers yet, waiting for them", address)
+        yield client
+
+
+def solved(client: "Client", chunks: Sequence[Chunk]) -> Iterator[tuple[Chunk, list[list[Value]]]]:
+    """The chunks with their rows, as they are finished.
+
+    What a worker that dies was at is done again by another one, and told. Raises SoftfuseError when a device
+    cannot be built, or, after all others, when some chunks have cost one worker after the other.
+    """
+    from distributed import KilledWorker, as_completed
+    from distributed.client import FutureCancelledError
+
+    client.subscribe_topic(_EVENTS, _tell_of_workers)
+    # Keys are new in each sweep: a scheduler may still know those of one that was interrupted.
+    futures = {client.submit(solve_chunk, chunk, pure=False): chunk for chunk in chunks}
+    deadly = []
+    try:
+        for future in as_completed(list(futures)):
+            chunk = futures.pop(future)
+            try:
+                rows = future.result()
+            except KilledWorker:
+                deadly.append(chunk)
+            except ImportError as error:
+                raise SoftfuseError(f"a worker lacks something ({error}): install softfuse there") from error
+            except FutureCancelledError as error:
+                raise SoftfuseError(
+                    "the connection to the scheduler was lost; run the same again to go on"
+                ) from error
+            else:
+                yield chunk, rows
+            future.release()
+    finally:
+        client.unsubscribe_topic(_EVENTS)
+        client.cancel(list(futures))
+    if deadly:
+        first = deadly[0].series[0].number
+        raise SoftfuseError(
+            f"{len(deadly)} chunks each cost several workers their lives, the first at case {first}: "
+            "give them more memory; all others are done"
+        )
+
+
+def _tell_of_workers(event: tuple[float, Any]) -> None:
+    _, message = event
+    if message.get("action") == "remove-worker" and not message.get("expected"):
+        busy = len(message.get("processing-tasks", ()))
+        log.warning("the worker %s has died, %d chunks are done again", message["worker"], busy)
+
+
+@contextmanager
+def _dask() -> Iterator[None]:
+    try:
+        yield
+    except ImportError as error:
+        raise SoftfuseError(f"softfuse sweep needs Dask ({error}): pip install 'softfuse[sweep]'") from error
+    # What a user should know of it is told by this module.
+    for name in ("distributed", "distributed.client", "distributed.gc"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).partition("\n")[0]

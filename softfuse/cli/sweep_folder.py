@@ -1,0 +1,140 @@
+"""The folder of a sweep: which sweep it is, and a Parquet file for each chunk that is finished."""
+
+import json
+import logging
+import os
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softfuse.cli.sweep_table import SweepColumn, Value
+from softfuse.errors import SoftfuseError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+log = logging.getLogger(__name__)
+
+_NAME = "sweep.json"
+_MARK = b"softfuse.sweep"
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What two sweeps in one folder must have in common: version of softfuse, SHA-256 of plan and config."""
+
+    softfuse: str
+    plan: str
+    config: str
+
+
+class SweepFolder:
+    """Reads and writes the files of one sweep."""
+
+    def __init__(self, path: Path, identity: Identity, columns: Sequence[SweepColumn]):
+        """Make the folder, or find the sweep in it; raises SoftfuseError when there is another one in it."""
+        self._path, self._columns, self._identity = path, columns, identity
+        with _told(path):
+            path.mkdir(parents=True, exist_ok=True)
+            if (path / _NAME).exists():
+                self._check()
+            elif any(path.glob("part-*.parquet")):
+                raise SoftfuseError(f"{path} holds parts of a sweep without {_NAME}: give another folder")
+            else:
+                about = {column.name: column.about for column in columns}
+                text = json.dumps(asdict(identity) | {"columns": about}, indent=2, ensure_ascii=False)
+                with _put_in_place(path / _NAME) as part:
+                    part.write_text(text + "\n", encoding="utf-8")
+
+    def finished(self, cases: Sequence[int]) -> set[int]:
+        """The numbers of the chunks, with so many cases each, whose files are there and whole."""
+        return {number for number, count in enumerate(cases) if self._is_whole(number, count)}
+
+    def write(self, number: int, rows: Sequence[Sequence[Value]]) -> None:
+        """Write the rows of a chunk; its file appears when it is whole. SoftfuseError when it cannot be."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        schema = self._schema()
+        columns = zip(schema, zip(*rows, strict=True), strict=True)
+        table = pa.Table.from_arrays(
+            [pa.array(values, field.type) for field, values in columns], schema=schema
+        )
+        with _told(self._path), _put_in_place(self._part(number)) as part:
+            pq.write_table(table, part, compression="zstd", write_page_checksum=True)
+
+    def results(self, numbers: Sequence[int]) -> Counter[str]:
+        """How often the cases of chunks ended in which way."""
+        import pyarrow.dataset as ds
+
+        files = [str(self._part(number)) for number in numbers]
+        found = ds.dataset(files, schema=self._schema()).to_table(columns=["result"])
+        return Counter(found.column("result").to_pylist())
+
+    def _schema(self) -> "pa.Schema":
+        import pyarrow as pa
+
+        types = {"integer": pa.int64(), "number": pa.float64(), "text": pa.string()}
+        fields = [
+            pa.field(column.name, types[column.kind], metadata={"about": column.about})
+            for column in self._columns
+        ]
+        return pa.schema(fields, metadata={_MARK: json.dumps(asdict(self._identity))})
+
+    def _part(self, number: int) -> Path:
+        return self._path / f"part-{number:05d}.parquet"
+
+    def _check(self) -> None:
+        file = self._path / _NAME
+        try:
+            found = json.loads(file.read_bytes())
+            there = Identity(**{key: str(found[key]) for key in asdict(self._identity)})
+        except (ValueError, KeyError, TypeError) as error:
+            raise SoftfuseError(f"{file} tells of no sweep: give another folder") from error
+        for key, what in (("plan", "another plan"), ("config", "another config")):
+            if getattr(there, key) != getattr(self._identity, key):
+                raise SoftfuseError(f"{self._path} holds a sweep by {what}: give another folder")
+        if there != self._identity:
+            raise SoftfuseError(
+                f"{self._path} holds a sweep by softfuse {there.softfuse}, this is "
+                f"{self._identity.softfuse}: give another folder"
+            )
+
+    def _is_whole(self, number: int, cases: int) -> bool:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        part = self._part(number)
+        try:
+            metadata = pq.read_metadata(part)
+        except FileNotFoundError:
+            return False
+        except (OSError, pa.ArrowException) as error:
+            log.warning("%s cannot be read and is made anew: %s", part, str(error).partition("\n")[0])
+            return False
+        own = self._schema().metadata[_MARK]
+        if metadata.num_rows == cases and (metadata.metadata or {}).get(_MARK) == own:
+            return True
+        log.warning("%s is of another sweep or not whole and is made anew", part)
+        return False
+
+
+@contextmanager
+def _put_in_place(target: Path) -> Iterator[Path]:
+    """A file to be written, which gets its name when it is whole."""
+    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".softfuse-") as folder:
+        part = Path(folder) / target.name
+        yield part
+        os.replace(part, target)
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise SoftfuseError(f"cannot write to {path}: {error.strerror or error}") from error

@@ -1,0 +1,341 @@
+"""softfuse sweep on a coarse pad: rows are those of single simulations, and nothing is computed twice."""
+
+import importlib.util
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import psutil
+import pyarrow.dataset as ds
+import pytest
+from distributed import Client, LocalCluster
+
+from softfuse.cli import sweep_worker
+from softfuse.cli.sweep_worker import Chunk, Pressed, installed_version, solve_chunk
+from softfuse.config import load, save_edited, stiffness_edits
+from softfuse.config.build_device import build_device
+from softfuse.config.build_sweep import build_series
+from softfuse.config.digest import digest
+from softfuse.config.sweep_plan import load_plan
+from softfuse.equilibrium.cable import ShortenedCable
+from softfuse.errors import SoftfuseError
+from softfuse.estimation.device import simulate
+
+PLACES = '[places]\ntype = "list"\nat = [["-17 mm", "-15 mm"], ["12 mm", "14 mm"]]\n'
+FORCES = '[forces]\nvalues = ["1 N", "4 N"]\n'
+PLAN = "contacts = [1, 2]\nmodulus_factors = [1, 1.5]\ncases_per_file = 2\n" + PLACES + FORCES
+"""Of each modulus two places and the pair of them, each at two forces: 12 cases in 6 files."""
+
+OPTIONS: Any = {
+    "dashboard_address": None,
+    "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
+    "memory_limit": 0,
+}
+"""No dashboard, and no port that something else may have."""
+
+Rows = list[dict[str, Any]]
+
+
+@pytest.fixture(scope="module")
+def pad(coarse: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The coarsest pad of linear elements, which compile in no time."""
+    text = coarse.read_text().replace('element = "taylor-hood"', 'element = "linear"')
+    # With a high Poisson's ratio linear elements lock.
+    path = tmp_path_factory.mktemp("pad") / "pad.toml"
+    path.write_text(text.replace("poisson = 0.49", "poisson = 0.3"))
+    return path
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[LocalCluster]:
+    """Two processes behind a scheduler."""
+    with LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", **OPTIONS) as cluster:
+        yield cluster
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Callable[[str], Path]:
+    """Writes a plan."""
+
+    def write(text: str) -> Path:
+        path = tmp_path / "plan.toml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+def rows_in(folder: Path) -> Rows:
+    """All rows, in the order of the cases."""
+    return ds.dataset(sorted(map(str, folder.glob("part-*.parquet")))).to_table().to_pylist()
+
+
+def test_rows_are_those_of_single_simulations_and_none_is_computed_twice(
+    code_of: Callable[..., int],
+    capsys: pytest.CaptureFixture[str],
+    cluster: LocalCluster,
+    pad: Path,
+    plan: Callable[[str], Path],
+    tmp_path: Path,
+) -> None:
+    out = tmp_path / "out"
+    given = ("sweep", pad, plan(PLAN), "--out", out)
+    assert code_of(*given, "--scheduler", cluster.scheduler_address) == 0
+    assert capsys.readouterr().out.endswith("out, 12 of them new: 12 converged\n")
+    rows = rows_in(out)
+    assert [row["case"] for row in rows] == list(range(12))
+    assert len(list(out.glob("part-*.parquet"))) == 6
+
+    soft = load(pad)
+    stiff = save_edited(pad, tmp_path / "stiff.toml", stiffness_edits(soft, 1.5))
+    devices = {1.0: build_device(soft), 1.5: build_device(stiff)}
+    for row in rows:
+        assert row["result"] == "converged" and row["residual_N"] < 1e-9 and row["wall_time_s"] > 0
+        count = row["contacts"]
+        at = [[1e-3 * row[f"contact{k}_{axis}_mm"] for axis in "xy"] + [0.0] for k in range(count)]
+        force = [row[f"contact{k}_force_N"] for k in range(count)]
+        assert row["force_N"] == sum(force)
+        if count == 1:
+            assert row["contact1_x_mm"] is None and row["contact1_force_N"] is None
+        device = devices[row["modulus_factor"]]
+        places = jnp.array(at)
+        solution = simulate(device, places, jnp.array(force), device.rest_state(places))
+        volumes = 1e9 * np.asarray(device.reading(solution.state))
+        assert np.max(np.abs(volumes)) > 1.0
+        found = [row[f"dV{k}_mm3"] for k in range(4)]
+        np.testing.assert_allclose(found, volumes, rtol=0, atol=1e-10 * np.max(np.abs(volumes)))
+        moved = np.linalg.norm(device.body.displacement(solution.state.z), axis=1)
+        np.testing.assert_allclose(row["largest_displacement_mm"], 1e3 * moved.max(), rtol=1e-10)
+
+    # With one part gone and one broken those two are computed, with all there no scheduler is asked.
+    parts = sorted(out.glob("part-*.parquet"))
+    before = {part: part.stat().st_mtime_ns for part in parts}
+    parts[1].unlink()
+    parts[2].write_bytes(parts[2].read_bytes()[:-100])
+    assert code_of(*given, "--scheduler", cluster.scheduler_address) == 0
+    assert ", 4 of them new: 12 converged" in capsys.readouterr().out
+    again = rows_in(out)
+    for old, new in zip(rows, again, strict=True):
+        assert old["case"] == new["case"]
+        np.testing.assert_allclose(old["dV0_mm3"], new["dV0_mm3"], rtol=0, atol=1e-8)
+    for part in (parts[0], *parts[3:]):
+        assert part.stat().st_mtime_ns == before[part]
+    assert code_of(*given, "--scheduler", "tcp://127.0.0.1:1") == 0
+    assert ", 0 of them new: 12 converged" in capsys.readouterr().out
+
+    about = json.loads((out / "sweep.json").read_text())
+    assert about["softfuse"] == installed_version() and about["config"] == digest(soft)
+    assert about["columns"]["dV0_mm3"] == 'volume change of "(-,-)"'
+    assert list(about["columns"]) == list(rows[0])
+
+    for config, text, told in (
+        (pad, PLAN.replace("1.5", "1.6"), "holds a sweep by another plan"),
+        (tmp_path / "stiff.toml", PLAN, "holds a sweep by another config"),
+    ):
+        assert code_of("sweep", config, plan(text), "--out", out) == 2
+        assert re.fullmatch(rf"error: .*{told}: give another folder\n", capsys.readouterr().err)
+    assert rows_in(out) == again
+
+
+def test_a_case_that_fails_is_a_row(
+    code_of: Callable[..., int], cluster: LocalCluster, pad: Path, plan: Callable[[str], Path], tmp_path: Path
+) -> None:
+    text = pad.read_text().replace('x = ["-30 mm", "30 mm"]', 'x = ["-39 mm", "30 mm"]')
+    config = tmp_path / "wide.toml"
+    config.write_text(text)
+    failing = PLACES.replace("-17 mm", "-36 mm") + FORCES.replace("4 N", "30 kN")
+    given = ("sweep", config, plan(failing), "--out", tmp_path, "--quiet")
+    assert code_of(*given, "--scheduler", cluster.scheduler_address) == 0
+    off, off_too, fine, crushed = rows_in(tmp_path)
+    assert off["result"] == off_too["result"] == "overhangs" and off["residual_N"] is None
+    assert fine["result"] == "converged" and fine["dV3_mm3"] < 0
+    assert crushed["result"] in ("inverted", "diverged", "snapped", "step_limit")
+    assert crushed["dV3_mm3"] is None and crushed["force_N"] == 30e3 and crushed["newton_iterations"] > 0
+
+
+def test_a_worker_that_dies_is_told_and_costs_nothing(
+    code_of: Callable[..., int],
+    caplog: pytest.LogCaptureFixture,
+    pad: Path,
+    plan: Callable[[str], Path],
+    tmp_path: Path,
+) -> None:
+    with LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", **OPTIONS) as cluster:
+        with Client(cluster, set_as_default=False) as client:
+            pids = client.run(os.getpid)
+            killed = []
+
+            def kill_a_busy_one() -> None:
+                while not killed:
+                    busy = [worker for worker, keys in client.processing().items() if keys]
+                    if busy:
+                        os.kill(pids[busy[0]], signal.SIGKILL)
+                        killed.append(busy[0])
+                    time.sleep(0.05)
+
+            thread = threading.Thread(target=kill_a_busy_one)
+            thread.start()
+            given = ("sweep", pad, plan(PLAN), "--out", tmp_path / "out", "--quiet")
+            code = code_of(*given, "--scheduler", cluster.scheduler_address)
+            thread.join()
+        assert code == 0 and len(rows_in(tmp_path / "out")) == 12
+    assert f"the worker {killed[0]} has died" in caplog.text
+
+
+@pytest.mark.skipif(os.name != "posix", reason="process groups")
+def test_an_interrupt_leaves_what_is_finished_and_only_the_loopback_is_listened_on(
+    pad: Path, plan: Callable[[str], Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    many = plan(PLAN.replace("[1, 1.5]", str([1 + k / 100 for k in range(500)])))
+    command = [sys.executable, "-m", "softfuse", "sweep", pad, many, "--out", out, "--workers", "2"]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        deadline = time.monotonic() + 240
+        while not list(out.glob("part-*.parquet")):
+            assert process.poll() is None and time.monotonic() < deadline
+            time.sleep(0.2)
+        family = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
+        ports = [port for each in family for port in each.net_connections("inet")]
+        listening = {port.laddr.ip for port in ports if port.status == psutil.CONN_LISTEN}
+        assert listening == {"127.0.0.1"} and len(family) >= 3
+        os.killpg(process.pid, signal.SIGINT)
+        _, err = process.communicate(timeout=120)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    _, alive = psutil.wait_procs(family, timeout=30)
+    assert not alive
+    parts = list(out.glob("part-*.parquet"))
+    assert 0 < len(parts) < 1500 and not list(out.glob(".softfuse-*"))
+    assert {row["result"] for row in rows_in(out)} == {"converged"}
+
+
+def test_a_finger_is_pressed_while_its_cable_is_shortened(
+    linear_finger: Callable[..., Path], plan: Callable[[str], Path]
+) -> None:
+    path = linear_finger()
+    config = load(path)
+    text = (
+        '[places]\ntype = "electrodes"\nnames = ["tip left"]\n[forces]\nvalues = ["0 N", "0.2 N"]\n'
+        '[[cable]]\nname = "palm"\nshortening = { values = ["5 mm"] }\n'
+    )
+    series = build_series(load_plan(plan(text)), config)
+    pressed = Pressed(path.read_text(), str(path), digest(config), 1, (True,), installed_version())
+    alone, both = solve_chunk(Chunk(0, pressed, tuple(series)))
+    columns = [
+        *("case", "modulus_factor", "cable0_mm", "contacts", "contact0_electrode", "contact0_force_N"),
+        *("force_N", "cable0_N", *(f"pressure{k}_Pa" for k in range(6))),
+    ]
+    found = dict(zip(columns, both, strict=False))
+    assert found["contact0_electrode"] == "tip left" and found["cable0_mm"] == 5.0
+    assert alone[columns.index("force_N")] == 0.0 and found["force_N"] == 0.2
+
+    device = build_device(config)
+    cable, gas = device.attached
+    device = type(device)(
+        device.body,
+        device.sensors,
+        device.contact,
+        device.linear,
+        (ShortenedCable.of(cable, device.body), gas),
+        device.gauges,
+    )
+    places = jnp.array([[electrode.name for electrode in config.electrodes].index("tip left")])
+    drive = jnp.array([0.1, 0.1, 5e-3, *6 * [101325.0]])
+    reading = device.reading(simulate(device, places, drive, device.rest_state(places)).state)
+    np.testing.assert_allclose([found[name] for name in columns[7:]], reading, rtol=1e-8)
+
+
+def test_a_worker_of_another_kind_is_refused(pad: Path) -> None:
+    there = Pressed(pad.read_text(), str(pad), digest(load(pad)), 1, (), installed_version())
+    with pytest.raises(SoftfuseError, match="a worker has softfuse .*, here it is 9.9: install the same"):
+        solve_chunk(Chunk(0, type(there)(**{**vars(there), "version": "9.9"}), ()))
+    with pytest.raises(SoftfuseError, match="a worker finds other files than here"):
+        solve_chunk(Chunk(0, type(there)(**{**vars(there), "digest": "0"}), ()))
+
+
+def test_a_device_is_built_once(pad: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    built = []
+    monkeypatch.setattr(sweep_worker, "build_device", lambda config: built.append(1) or build_device(config))
+    text = pad.read_text() + "\n# not built before\n"
+    there = Pressed(text, str(pad), digest(load(pad)), 1, (), installed_version())
+    assert [solve_chunk(Chunk(number, there, ())) for number in range(3)] == [[], [], []]
+    assert len(built) == 1
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        ({"sweep.json": "[]"}, "sweep.json tells of no sweep"),
+        ({"sweep.json": "{"}, "sweep.json tells of no sweep"),
+        ({"part-00000.parquet": ""}, "holds parts of a sweep without sweep.json"),
+    ],
+)
+def test_a_folder_of_something_else_is_refused(
+    code_of: Callable[..., int],
+    capsys: pytest.CaptureFixture[str],
+    pad: Path,
+    plan: Callable[[str], Path],
+    tmp_path: Path,
+    content: dict[str, str],
+    told: str,
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    for name, text in content.items():
+        (out / name).write_text(text)
+    assert code_of("sweep", pad, plan(PLAN), "--out", out) == 2
+    err = capsys.readouterr().err
+    assert told in err and err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--scheduler", "tcp://127.0.0.1:1", "--workers", "2"), "--workers are processes on this computer"),
+        (("--scheduler", "nowhere://127.0.0.1:1"), "--scheduler nowhere://127.0.0.1:1: no Dask scheduler"),
+        (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler tcp://127.0.0.1:1: no Dask scheduler answers"),
+    ],
+)
+def test_a_mistake_is_one_line(
+    code_of: Callable[..., int],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    pad: Path,
+    plan: Callable[[str], Path],
+    tmp_path: Path,
+    options: tuple[str, ...],
+    told: str,
+) -> None:
+    monkeypatch.setattr("softfuse.cli.sweep_cluster._ANSWER_S", 2)
+    assert code_of("sweep", pad, plan(PLAN), "--out", tmp_path / "out", *options) == 2
+    err = capsys.readouterr().err
+    assert told in err and err.count("\n") == 1
+
+
+def test_without_dask_it_is_told_how_to_get_it(
+    code_of: Callable[..., int],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    pad: Path,
+    plan: Callable[[str], Path],
+    tmp_path: Path,
+) -> None:
+    assert importlib.util.find_spec("distributed") is not None
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert code_of("sweep", pad, plan(PLAN), "--out", tmp_path / "out") == 2
+    err = capsys.readouterr().err
+    assert "pip install 'softfuse[sweep]'" in err and err.count("\n") == 1
