@@ -22,7 +22,6 @@ be none.
 
 import argparse
 import json
-import signal
 import subprocess
 import sys
 import tempfile
@@ -46,8 +45,6 @@ from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.stream import HostClock, Notice
 
 _STEPS = 20
-
-
 Memory = list[tuple[float, float]]
 """Least and most [MB] in each step of the way."""
 
@@ -127,7 +124,8 @@ def main() -> int:
             while not port.exists() and device.poll() is None:
                 time.sleep(0.1)
             report, rate, memory = soak(parts, str(port), record, arguments.frames)
-            device.send_signal(signal.SIGINT)
+            # Not by an interrupt, which what a shell has started in its background does not hear.
+            device.terminate()
         file = recorded(parts, record)
     samples = report.devices[0].samples
     settled = [least for least, _ in memory[_STEPS // 4 :]]

@@ -1,27 +1,45 @@
-"""Every test runs in double precision, as the mechanics requires; and the finger in coarse variants."""
+"""Every test runs in double precision, as the mechanics requires; a small device of two cavities, and the
+finger in coarse variants.
+"""
 
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from softfuse.body import LINEAR, TAYLOR_HOOD, Body, mesh_for
+from softfuse.body.element import Element
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
+from softfuse.equilibrium.dense import Dense
+from softfuse.equilibrium.linear_solver import AbstractLinearSolver
+from softfuse.equilibrium.multifrontal import Multifrontal
+from softfuse.equilibrium.punch import PunchContact
+from softfuse.estimation.device import Device
 from softfuse.experiment.mutual_field import Thing
 from softfuse.experiment.mutual_figures import image_of
 from softfuse.experiment.virtual_mutual import MutualBed
+from softfuse.functional import Cavity
+from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.pressure_cells import flat_punch
+from softfuse.material import NeoHookean
+from softfuse.mesh.pad import PadGeometry, pad_mesh
+from softfuse.mesh.surface import cavities, outer_surface
 from softfuse.sensing.mutual_model import MutualModel, mutual_model
 
 jax.config.update("jax_enable_x64", True)
+
+MM = 1e-3
 
 COARSE = (
     ('wall_size = "10 mm"', 'wall_size = "20 mm"'),
     ('base_size = "8 mm"', 'base_size = "30 mm"'),
     ("growth = 2.0", "growth = 9.0"),
 )
-LINEAR = (
+WITH_LINEAR_TETS = (
     ('element = "taylor-hood"', 'element = "linear"'),
     # With a high Poisson's ratio linear elements lock.
     ("poisson = 0.49", "poisson = 0.3"),
@@ -39,6 +57,33 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
             patch.setenv(name, str(folder))
         jax.config.update("jax_compilation_cache_dir", str(folder / "softfuse" / "jax"))
         yield
+
+
+def two_cavity_device(element: Element, solver: type[AbstractLinearSolver], poisson: float) -> Device:
+    """A block of 70 × 40 × 18 mm over two cavities, some hundred nodes, pressed by a punch of 8 mm."""
+    geometry = PadGeometry(
+        (70 * MM, 40 * MM, 18 * MM), (26 * MM, 28 * MM, 6 * MM), ((-17 * MM, 0.0), (17 * MM, 0.0)), 6 * MM
+    )
+    mesh = mesh_for(element, pad_mesh(geometry, 40 * MM, 40 * MM))
+    law = NeoHookean.from_young(0.6e6, poisson)
+    body = Body.from_mesh(mesh, [law], mesh.nodes[:, 2] < 1e-9, element=element)
+    faces = outer_surface(mesh).faces
+    surface = ContactSurface.facing(faces, mesh.nodes, np.array([0.0, 0.0, -1.0]))
+    contact = Contact(surface, flat_punch((0.7, 1.0), (3, 6)), jnp.zeros(3), jnp.asarray(8 * MM))
+    inner = tuple(Cavity(jnp.asarray(s.faces)) for s in cavities(mesh, geometry.centres()))
+    return Device(body, inner, PunchContact(contact), solver.plan(body))
+
+
+@pytest.fixture(scope="session")
+def device() -> Device:
+    """The small device as it is used: Taylor-Hood, nearly incompressible, multifrontal solver."""
+    return two_cavity_device(TAYLOR_HOOD, Multifrontal, 0.49)
+
+
+@pytest.fixture(scope="session")
+def plain_device() -> Device:
+    """The small device with linear elements and a dense solver, which compile in no time."""
+    return two_cavity_device(LINEAR, Dense, 0.3)
 
 
 @pytest.fixture(scope="session")
@@ -61,7 +106,7 @@ def coarse_finger(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Pat
 @pytest.fixture(scope="session")
 def linear_finger(coarse_finger: Callable[..., Path]) -> Callable[..., Path]:
     """The same with linear elements too, which compile and step in no time and are too stiff."""
-    return lambda *changes: coarse_finger(*LINEAR, *changes)
+    return lambda *changes: coarse_finger(*WITH_LINEAR_TETS, *changes)
 
 
 @pytest.fixture(scope="session")

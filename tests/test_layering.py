@@ -35,7 +35,7 @@ ALLOWED: dict[str, set[str]] = {
 
 HEAVY = {
     *("trimesh", "pytetwild", "meshio", "matplotlib", "serial", "rerun", "manifold3d", "pint", "h5py"),
-    *("mcap", "pyarrow"),
+    *("mcap", "pyarrow", "distributed", "dask", "cryptography"),
 }
 """Libraries that are imported inside the functions that need them."""
 

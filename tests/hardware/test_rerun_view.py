@@ -1,6 +1,7 @@
 """The live view: served on loopback only, drawn in a real browser, never holding anything up."""
 
 import io
+import os
 import socket
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from softfuse.errors import HardwareError
 from softfuse.experiment.figures import flat_triangles
 from softfuse.experiment.shape_figures import sharp_edges
 from softfuse.hardware.live.rerun_view import Picture, RerunView, Scene
+from softfuse.hardware.live.viewer_process import end_viewer
 from softfuse.hardware.stream import Notice
 from softfuse.mesh.block import Block, block_mesh
 from softfuse.mesh.surface import cavities, outer_surface
@@ -177,6 +179,21 @@ def test_killed_at_once_it_leaves_no_server() -> None:
         assert within(20.0, lambda: listened(page))
         program.kill()
     assert within(10.0, lambda: not listened(page))
+
+
+def test_a_group_that_may_not_be_signalled_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As macOS says of one whose processes have all just ended."""
+    asked = []
+
+    def refuse(group: int, number: int) -> None:
+        asked.append((group, number))
+        raise PermissionError
+
+    monkeypatch.setattr(os, "killpg", refuse)
+    code = "import sys; sys.stdin.read()"
+    viewer = subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, start_new_session=True)
+    end_viewer(viewer)
+    assert asked == [(viewer.pid, 0)]
 
 
 def test_a_port_in_use_is_told(scene: Scene) -> None:

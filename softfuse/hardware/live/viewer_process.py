@@ -42,6 +42,10 @@ def _group_is_there(number: int) -> bool:
         os.killpg(number, 0)
     except (ProcessLookupError, AttributeError):  # on Windows there are no groups of processes
         return False
+    except PermissionError:
+        # Ours may be signalled as long as one of it runs, so it has ended: macOS answers so until the last of
+        # it are collected, and anywhere the number may already belong to others.
+        return False
     return True
 
 
