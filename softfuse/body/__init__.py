@@ -1,14 +1,7 @@
 """Elements, and the energy, residual and tangent of a body made of them."""
 
-from softfuse.body.body import (
-    Body,
-    element_tangents,
-    lagrangian,
-    mesh_for,
-    residual,
-    tangent_action,
-    volume_ratios,
-)
+from softfuse.body.base import AbstractBody
+from softfuse.body.body import Body, mesh_for
 from softfuse.body.element import ELEMENTS, LINEAR, QUADRATIC, TAYLOR_HOOD, Element
 
 __all__ = [
@@ -16,12 +9,8 @@ __all__ = [
     "LINEAR",
     "QUADRATIC",
     "TAYLOR_HOOD",
+    "AbstractBody",
     "Body",
     "Element",
-    "element_tangents",
-    "lagrangian",
     "mesh_for",
-    "residual",
-    "tangent_action",
-    "volume_ratios",
 ]

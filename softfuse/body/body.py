@@ -6,7 +6,7 @@ Unknowns z (n,): free displacement components [m], node by node, then pressures 
 differentiated with respect to materials and rest nodes too.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import equinox as eqx
 import jax
@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from softfuse.body.base import AbstractBody
 from softfuse.body.element import TAYLOR_HOOD, Element, frames
 from softfuse.body.region import Region
 from softfuse.errors import MeshError, SoftfuseError
@@ -21,10 +22,8 @@ from softfuse.material.base import AbstractMaterial
 from softfuse.material.components import determinant
 from softfuse.mesh.tetmesh import TetMesh, linear, quadratic
 
-_WRITTEN_OUT = 3  # columns
 
-
-class Body(eqx.Module):
+class Body(AbstractBody):
     """What does not change while a soft body deforms; elements are sorted by material.
 
     `frames` [m²], `volumes` [m³] and `weight` [N] are what `from_mesh` and `with_rest` compute from rest
@@ -132,9 +131,9 @@ class Body(eqx.Module):
         return eqx.tree_at(lambda b: b.weight, body, jax.jit(_weight)(body))
 
     @property
-    def n_nodes(self) -> int:
-        """Number of displacement nodes."""
-        return self.rest.shape[0]
+    def volume(self) -> Float[Array, ""]:
+        """Volume [m³] of the material at rest."""
+        return jnp.sum(self.volumes)
 
     @property
     def weights(self) -> Float[Array, "e q"]:
@@ -157,9 +156,82 @@ class Body(eqx.Module):
         """The same body of other materials, one for each region; differentiable in their constants."""
         return eqx.tree_at(lambda b: b.materials, self, tuple(materials))
 
+    def lagrangian(self, z: Float[Array, " n"]) -> Float[Array, ""]:
+        """L(z) [J]: strain energy (perturbed by the pressure) minus the work of gravity."""
+        padded = _with_held(z)
+        return sum(region.energy(padded) for region in self._regions()) - self.weight @ z
+
+    def residual(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
+        """r(z) = ∂L/∂z (n,): nodal forces [N] that the body exerts against loads, then volume mismatches
+        [J].
+        """
+        padded = _with_held(z)
+        total = -_with_held(self.weight)
+        for region in self._regions():
+            total = region.add_forces(total, *region.conjugates(*region.strains(padded)))
+        return total[: self.n]
+
+    def element_tangents(self, z: Float[Array, " n"]) -> Float[Array, "e d d"]:
+        """Second derivatives (e, d, d) of every element's energy in the order of `element_unknowns`."""
+        padded = _with_held(z)
+        parts = [region.tangents(padded) for region in self._regions()]
+        return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+
+    def stiffened(
+        self,
+        tangents: Float[Array, "e d d"],
+        element: Int[Array, " f"],
+        nodes: Int[Array, "f s"],
+        blocks: Float[Array, "f x x"],
+    ) -> Float[Array, "e d d"]:
+        """Element tangents (e, d, d) plus stiffnesses (f, 3 s, 3 s) [N/m] between the nodes (f, s) of an
+        element (f,) each.
+        """
+        local = jnp.argmax(self.tets[element][:, None, :] == nodes[:, :, None], axis=2)
+        slots = (3 * local[:, :, None] + jnp.arange(3)).reshape(len(nodes), -1)
+        return tangents.at[element[:, None, None], slots[:, :, None], slots[:, None, :]].add(blocks)
+
+    def volume_ratios(self, z: Float[Array, " n"]) -> Float[Array, "e q"]:
+        """J = det F at every quadrature point; J ≤ 0 means an inverted element."""
+        padded = _with_held(z)
+        parts = [determinant(region.deformation(region.strains(padded)[0])).T for region in self._regions()]
+        return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+
     def displacement(self, z: Float[Array, " n"]) -> Float[Array, "k 3"]:
         """Nodal displacements (k, 3) m of the unknowns z (n,); fixed nodes stay at 0."""
         return z.at[self.displacement_index].get(mode="fill", fill_value=0.0)
+
+    def watched(self, z: Float[Array, " n"]) -> Float[Array, "k 3"]:
+        """All nodal displacements (k, 3) m."""
+        return self.displacement(z)
+
+    def spread(self, nodes: Int[Array, "..."], forces: Float[Array, "... 3 c"]) -> Float[Array, "n c"]:
+        """Nodal forces (n, c) [N] of forces (..., 3, c) on nodes (...); what is on held ones is dropped."""
+        index = self.displacement_index[nodes]
+        return jnp.zeros((self.n, forces.shape[-1])).at[index].add(forces, mode="drop")
+
+    def forces(self, residual: Float[Array, " n"]) -> Float[Array, " u"]:
+        """The forces among the generalised ones (u,) [N]."""
+        return residual[: self.n_displacements]
+
+    def motion(self, dz: Float[Array, "n *c"]) -> Float[Array, "u *c"]:
+        """The displacements (u,) or (u, c) [m] among the changes of unknowns."""
+        return dz[: self.n_displacements]
+
+    def _regions(self) -> Iterator[Region]:
+        start = 0
+        for material, count in zip(self.materials, self.counts, strict=True):
+            part = slice(start, start + count)
+            start += count
+            yield Region(
+                self.element,
+                material,
+                self.frames[..., part],
+                self.volumes[:, part],
+                self.displacement_unknowns[..., part],
+                self.pressure_unknowns[:, part],
+                self.pressure_unit,
+            )
 
 
 def _weight(body: Body) -> Float[Array, " n"]:
@@ -170,76 +242,10 @@ def _weight(body: Body) -> Float[Array, " n"]:
     return jnp.zeros(body.n).at[body.displacement_unknowns].add(forces, mode="drop")
 
 
-def column_by_column(
-    action: Callable[[Float[Array, " n"]], Float[Array, " n"]], directions: Float[Array, "n c"]
-) -> Float[Array, "n c"]:
-    """A linear map of vectors (n,) applied to c columns (n, c), one after the other.
-
-    What the map reads at every element stays in the processor's cache meanwhile, which all columns at once
-    would push out. A few are written out, so that XLA need not store all that for a loop.
-    """
-    if directions.shape[1] <= _WRITTEN_OUT:
-        return jnp.stack([action(column) for column in directions.T], axis=1)
-    return jax.lax.map(action, directions.T).T
-
-
 def mesh_for(element: Element, mesh: TetMesh) -> TetMesh:
     """The mesh with the nodes that the element needs: mid-edge nodes added or dropped."""
     return quadratic(mesh) if element.order == 2 else linear(mesh)
 
 
-def _regions(body: Body) -> Iterator[Region]:
-    start = 0
-    for material, count in zip(body.materials, body.counts, strict=True):
-        part = slice(start, start + count)
-        start += count
-        yield Region(
-            body.element,
-            material,
-            body.frames[..., part],
-            body.volumes[:, part],
-            body.displacement_unknowns[..., part],
-            body.pressure_unknowns[:, part],
-            body.pressure_unit,
-        )
-
-
 def _with_held(z: Float[Array, " n"]) -> Float[Array, " n_plus_1"]:
     return jnp.append(z, 0.0)
-
-
-def lagrangian(body: Body, z: Float[Array, " n"]) -> Float[Array, ""]:
-    """L(z) [J] of the unknowns z (n,): strain energy (perturbed by the pressure) minus the work of
-    gravity.
-    """
-    padded = _with_held(z)
-    return sum(region.energy(padded) for region in _regions(body)) - body.weight @ z
-
-
-def residual(body: Body, z: Float[Array, " n"]) -> Float[Array, " n"]:
-    """r(z) = ∂L/∂z (n,): nodal forces [N] that the body exerts against loads, then volume mismatches [J]."""
-    padded = _with_held(z)
-    total = -_with_held(body.weight)
-    for region in _regions(body):
-        total = region.add_forces(total, *region.conjugates(*region.strains(padded)))
-    return total[: body.n]
-
-
-def element_tangents(body: Body, z: Float[Array, " n"]) -> Float[Array, "e d d"]:
-    """Second derivatives (e, d, d) of every element's energy in the order of `element_unknowns`."""
-    padded = _with_held(z)
-    parts = [region.tangents(padded) for region in _regions(body)]
-    return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
-
-
-def tangent_action(body: Body, z: Float[Array, " n"], directions: Float[Array, "n c"]) -> Float[Array, "n c"]:
-    """K(z) applied to c directions (n, c), without forming K."""
-    _, action = jax.linearize(lambda x: residual(body, x), z)
-    return column_by_column(action, directions)
-
-
-def volume_ratios(body: Body, z: Float[Array, " n"]) -> Float[Array, "e q"]:
-    """J = det F at every quadrature point; J ≤ 0 means an inverted element."""
-    padded = _with_held(z)
-    parts = [determinant(region.deformation(region.strains(padded)[0])).T for region in _regions(body)]
-    return parts[0] if len(parts) == 1 else jnp.concatenate(parts)

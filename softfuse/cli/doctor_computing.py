@@ -48,8 +48,7 @@ def check_solvers() -> list[Finding]:
     import equinox as eqx
     import jax
 
-    from softfuse.body import QUADRATIC, TAYLOR_HOOD, Body, Element, element_tangents, mesh_for
-    from softfuse.body.body import tangent_action
+    from softfuse.body import QUADRATIC, TAYLOR_HOOD, Body, Element, mesh_for
     from softfuse.equilibrium.linear_solver import AbstractLinearSolver
     from softfuse.equilibrium.multifrontal import Multifrontal
     from softfuse.equilibrium.sparse import SparseCholesky, SparseLU
@@ -70,11 +69,11 @@ def check_solvers() -> list[Finding]:
         random = np.random.default_rng(0)
         z = 1e-4 * random.normal(size=body.n) * (np.arange(body.n) < body.n_displacements)
         solution = random.normal(size=(body.n, 2))
-        rhs = jax.jit(tangent_action)(body, z, solution)
+        rhs = jax.jit(Body.tangent_action)(body, z, solution)
 
         @eqx.filter_jit
         def solved(solver, z, rhs):
-            return solver.solve(solver.factor(element_tangents(body, z)), rhs)
+            return solver.solve(solver.factor(body.element_tangents(z)), rhs)
 
         found = np.asarray(solved(kind.plan(body), z, rhs))
         # The displacements: how well a pressure is determined depends on the mesh.

@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from pydantic import AfterValidator, BeforeValidator, model_validator
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.config.quantity import (
     Length,
     Number,
@@ -60,7 +60,7 @@ class CableSettings(Settings):
             raise wrong_value("is the first guide: pull from a point outside the body", key="pulled_at")
         return self
 
-    def load(self, body: Body) -> PulledCable:
+    def load(self, body: AbstractBody) -> PulledCable:
         """The cable in a body at rest; raises MeshError for a guide outside it."""
         return PulledCable.through(
             body,
@@ -91,7 +91,7 @@ class GasSettings(Settings):
                 key="gas.dead_volume",
             )
 
-    def load(self, body: Body, cavities: Sequence[Cavity]) -> SealedGas:
+    def load(self, body: AbstractBody, cavities: Sequence[Cavity]) -> SealedGas:
         """The gas in the cavities of a body at rest; raises MeshError as `SealedGas.of` does."""
         dead = jnp.broadcast_to(jnp.array(self.dead_volume), (len(cavities),))
         return SealedGas.of(tuple(cavities), body, dead, atmosphere=self.atmosphere, exponent=self.exponent)

@@ -7,6 +7,7 @@ from itertools import chain, combinations, islice, product
 
 import numpy as np
 
+from softfuse.body.body import Body
 from softfuse.config.build_material import build_materials
 from softfuse.config.contact import DiscSettings, PatchSettings
 from softfuse.config.device import DeviceConfig
@@ -65,16 +66,10 @@ def with_shortened(device: Device, shortened: tuple[bool, ...]) -> Device:
 
 def with_moduli(device: Device, config: DeviceConfig, factor: float) -> Device:
     """A device of a config with all moduli of all materials multiplied by a factor."""
-    scaled = []
-    for material in config.body.materials:
-        change = {}
-        for key in material.stiffness_keys:
-            value = getattr(material, key)
-            if value is not None:
-                change[key] = tuple(factor * v for v in value) if isinstance(value, tuple) else factor * value
-        scaled.append(material.model_copy(update=change))
-    settings = config.body.model_copy(update={"materials": tuple(scaled)})
+    scaled = tuple(each.model_copy(update=each.stiffness_times(factor)) for each in config.body.materials)
+    settings = config.body.model_copy(update={"materials": scaled})
     materials = build_materials(config.model_copy(update={"body": settings}))
+    assert isinstance(device.body, Body)  # as devices are built from configurations
     body = device.body.with_materials(materials)
     # As if it had been built of these materials.
     return replace(device, body=replace(body, pressure_unit=factor * body.pressure_unit))

@@ -80,12 +80,9 @@ def stiffness_edits(config: DeviceConfig, factor: float) -> Edits:
     """Edits that multiply all moduli of all materials by a factor, which a fit of one scalar finds."""
     edits: dict[tuple[str | int, ...], str | list[str]] = {}
     for k, material in enumerate(config.body.materials):
-        for key in material.stiffness_keys:
-            value = getattr(material, key)
-            if isinstance(value, tuple):
-                edits["body", "material", k, key] = [_megapascal(factor * v) for v in value]
-            elif value is not None:
-                edits["body", "material", k, key] = _megapascal(factor * value)
+        for key, value in material.stiffness_times(factor).items():
+            said = [_megapascal(v) for v in value] if isinstance(value, tuple) else _megapascal(value)
+            edits["body", "material", k, key] = said
     return edits
 
 

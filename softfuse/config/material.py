@@ -34,6 +34,15 @@ class MaterialSettings(Settings):
 
     density: Annotated[Density, Ge(0)] = 0.0
 
+    def stiffness_times(self, factor: float) -> dict[str, float | tuple[float, ...]]:
+        """The keys in Pa that are given, with their values multiplied by a factor."""
+        given = {key: getattr(self, key) for key in self.stiffness_keys}
+        return {
+            key: tuple(factor * v for v in value) if isinstance(value, tuple) else factor * value
+            for key, value in given.items()
+            if value is not None
+        }
+
 
 class OneModulus(MaterialSettings):
     """Young's modulus in Pa and Poisson's ratio at small strains."""

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.load import AbstractLoad, Sizes
 from softfuse.equilibrium.points import PointPorts, ball
 from softfuse.functional.cable import guide_forces, length
@@ -28,7 +28,7 @@ class PulledCable(AbstractLoad):
     @classmethod
     def through(
         cls,
-        body: Body,
+        body: AbstractBody,
         guides: Float[np.ndarray, "g 3"],
         pulled_at: Float[np.ndarray, "3"],
         *,
@@ -88,7 +88,7 @@ class ShortenedCable(AbstractLoad):
     stiffness: Float[Array, ""]
 
     @classmethod
-    def of(cls, cable: PulledCable, body: Body, *, compliance: float = 0.0) -> "ShortenedCable":
+    def of(cls, cable: PulledCable, body: AbstractBody, *, compliance: float = 0.0) -> "ShortenedCable":
         """The same cable, taut without tension on the body at rest."""
         stiffness = jax.lax.stop_gradient(body.pressure_unit * _rest_length(cable))
         own = jnp.asarray(compliance, float)

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.linear_solver import AbstractLinearSolver
 
 
@@ -20,7 +20,7 @@ class Dense(AbstractLinearSolver):
     n: int = eqx.field(static=True)
 
     @classmethod
-    def plan(cls, body: Body) -> "Dense":
+    def plan(cls, body: AbstractBody) -> "Dense":
         """Plan the assembly of a body's tangent."""
         return cls(body.element_unknowns, body.n)
 

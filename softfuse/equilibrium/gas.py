@@ -10,7 +10,7 @@ pressure on the walls out.
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.load import AbstractLoad, Sizes
 from softfuse.equilibrium.volume import VolumePorts
 from softfuse.functional.cavity import Cavity
@@ -32,7 +32,7 @@ class SealedGas(AbstractLoad):
     def of(
         cls,
         cavities: tuple[Cavity, ...],
-        body: Body,
+        body: AbstractBody,
         dead: Float[Array, " k"],
         *,
         atmosphere: float = 101325.0,

@@ -7,30 +7,30 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.body.body import Body, column_by_column, element_tangents, residual
+from softfuse.body.base import AbstractBody, column_by_column
 from softfuse.equilibrium.interface import Settled, Slopes, settle, stiffness
 from softfuse.equilibrium.linear_solver import Solve
 from softfuse.equilibrium.load import HeldLoads, Loads
 from softfuse.equilibrium.solution import State
 
 
-def unbalanced(body: Body, loads: Loads, state: State) -> Float[Array, " n"]:
+def unbalanced(body: AbstractBody, loads: Loads, state: State) -> Float[Array, " n"]:
     """r(z) − Σ f ∂y/∂z (n,): what is left of the equilibrium equations."""
-    return residual(body, state.z) - loads.push(body, state.z, state.force)
+    return body.residual(state.z) - loads.push(body, state.z, state.force)
 
 
-def loaded_tangents(body: Body, loads: Loads, state: State) -> Float[Array, "e d d"]:
+def loaded_tangents(body: AbstractBody, loads: Loads, state: State) -> Float[Array, "e d d"]:
     """Element tangents (e, d, d) of the body with its loads at constant forces."""
-    return loads.stiffen(body, state.z, state.force, element_tangents(body, state.z))
+    return loads.stiffen(body, state.z, state.force, body.element_tangents(state.z))
 
 
-def stiffness_map(body: Body, loads: Loads, state: State) -> Solve:
+def stiffness_map(body: AbstractBody, loads: Loads, state: State) -> Solve:
     """The tangent stiffness at constant forces, with the supports, as the map of directions (n, c):
     linearised once, never formed.
     """
 
     def balance(z):
-        return residual(body, z) - loads.push(body, z, state.force)
+        return body.residual(z) - loads.push(body, z, state.force)
 
     _, action = jax.linearize(balance, state.z)
     supported = loads.rows(body, state.z)[:, loads.carrying]
@@ -65,11 +65,11 @@ class Linearised(eqx.Module):
         return self.relaxed + self.response @ (force - self.force)
 
 
-def linearise(body: Body, loads: Loads, inverse: Solve, state: State) -> Linearised:
+def linearise(body: AbstractBody, loads: Loads, inverse: Solve, state: State) -> Linearised:
     """Linearise at a state with K⁻¹ as the map `inverse`."""
     rows = loads.rows(body, state.z)
     pushed = rows[:, loads.carrying]
-    left = residual(body, state.z) - pushed @ state.force
+    left = body.residual(state.z) - pushed @ state.force
     solved = inverse(jnp.concatenate([pushed, left[:, None]], axis=1))
     response, relaxed = solved[:, :-1], -solved[:, -1]
     at = loads.values(body, state.z)

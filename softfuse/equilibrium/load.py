@@ -16,23 +16,27 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 
 
 class AbstractPorts(eqx.Module):
     """p scalars y(z) of a body's unknowns z (n,)."""
 
     @abstractmethod
-    def values(self, body: Body, z: Float[Array, " n"]) -> Float[Array, " p"]:
+    def values(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, " p"]:
         """y (p,) in SI units."""
 
     @abstractmethod
-    def rows(self, body: Body, z: Float[Array, " n"]) -> Float[Array, "n p"]:
+    def rows(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, "n p"]:
         """∂y/∂z (n, p): generalised nodal forces per unit of each port's force."""
 
     @abstractmethod
     def stiffen(
-        self, body: Body, z: Float[Array, " n"], force: Float[Array, " q"], tangents: Float[Array, "e d d"]
+        self,
+        body: AbstractBody,
+        z: Float[Array, " n"],
+        force: Float[Array, " q"],
+        tangents: Float[Array, "e d d"],
     ) -> Float[Array, "e d d"]:
         """The element tangents (e, d, d) minus Σ f ∂²y/∂z², f (q,) the forces of the first q ports, plus the
         springs that support the ports.
@@ -119,7 +123,7 @@ class AbstractContact(eqx.Module):
         """How many forces [N] one contact is driven with."""
 
     @abstractmethod
-    def load(self, body: Body, place: Array) -> AbstractLoad:
+    def load(self, body: AbstractBody, place: Array) -> AbstractLoad:
         """The load of one contact at a place; its drives are the forces [N]."""
 
     def arms(self, place: Array) -> Float[Array, " c"]:
@@ -179,15 +183,17 @@ class Loads(eqx.Module):
         internal = [u[part.sizes.forces :] for u, part in zip(each, self.parts, strict=True)]
         return jnp.concatenate([*forces, *internal])
 
-    def values(self, body: Body, z: Float[Array, " n"]) -> Float[Array, " P"]:
+    def values(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, " P"]:
         """All ports' values (P,)."""
         return jnp.concatenate([part.ports.values(body, z) for part in self.parts])
 
-    def rows(self, body: Body, z: Float[Array, " n"]) -> Float[Array, "n P"]:
+    def rows(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, "n P"]:
         """All ports' rows (n, P)."""
         return jnp.concatenate([part.ports.rows(body, z) for part in self.parts], axis=1)
 
-    def push(self, body: Body, z: Float[Array, " n"], force: Float[Array, " Q"]) -> Float[Array, " n"]:
+    def push(
+        self, body: AbstractBody, z: Float[Array, " n"], force: Float[Array, " Q"]
+    ) -> Float[Array, " n"]:
         """Generalised nodal forces (n,) of the forces (Q,)."""
         return jax.vjp(lambda x: self.values(body, x)[self.carrying], z)[1](force)[0]
 
@@ -197,7 +203,11 @@ class Loads(eqx.Module):
         return jnp.concatenate([part.ports.supports for part in self.parts])[self.carrying]
 
     def stiffen(
-        self, body: Body, z: Float[Array, " n"], force: Float[Array, " Q"], tangents: Float[Array, "e d d"]
+        self,
+        body: AbstractBody,
+        z: Float[Array, " n"],
+        force: Float[Array, " Q"],
+        tangents: Float[Array, "e d d"],
     ) -> Float[Array, "e d d"]:
         """Element tangents (e, d, d) with what the forces (Q,) add."""
         counts = [part.sizes.forces for part in self.parts]

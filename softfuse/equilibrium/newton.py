@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from softfuse.body.body import Body, volume_ratios
+from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.interface import slopes, stiffness
 from softfuse.equilibrium.linear_solver import AbstractLinearSolver, Solve, tangent_inverse
 from softfuse.equilibrium.linearised import (
@@ -74,7 +74,7 @@ class _March(eqx.Module):
     jumped: Bool[Array, ""]
 
 
-def _iterate(newton: Newton, body: Body, loads: Loads, change: Array, at: _Iterate) -> _Iterate:
+def _iterate(newton: Newton, body: AbstractBody, loads: Loads, change: Array, at: _Iterate) -> _Iterate:
     # Each iteration solves only for what is out of balance, so that a rough factor serves.
     solver, state = newton.linear.rough(), at.state
     factor = solver.factor(loaded_tangents(body, loads, state))
@@ -91,8 +91,7 @@ def _iterate(newton: Newton, body: Body, loads: Loads, change: Array, at: _Itera
     step = linear.step(settled.force)
     towards = jnp.linalg.solve(system.whole, -slope.drive @ change)
     along = linear.response @ towards[: settled.force.shape[0]]
-    moves = slice(0, body.n_displacements)
-    length = jnp.where(settled.found, jnp.max(jnp.abs(step[moves])), jnp.nan)
+    length = jnp.where(settled.found, jnp.max(jnp.abs(body.motion(step))), jnp.nan)
 
     def moved(damping):
         return State(
@@ -104,11 +103,11 @@ def _iterate(newton: Newton, body: Body, loads: Loads, change: Array, at: _Itera
 
     def rejected(damping):
         trial = moved(damping)
-        flipped = ~(jnp.min(volume_ratios(body, trial.z)) > 0)
+        flipped = ~(jnp.min(body.volume_ratios(trial.z)) > 0)
         missing = loads.equations(trial.force, trial.internal, loads.values(body, trial.z), trial.drive)
         left = unbalanced(body, loads, trial)
         correction, _ = system.respond(inverse(-left[:, None]), -missing[:, None])
-        small = jnp.max(jnp.abs(correction[moves])) <= jnp.maximum(
+        small = jnp.max(jnp.abs(body.motion(correction))) <= jnp.maximum(
             (1 - damping / 4) * length, newton.step_tolerance
         )
         return flipped, flipped | ~small
@@ -128,7 +127,7 @@ def _iterate(newton: Newton, body: Body, loads: Loads, change: Array, at: _Itera
 
 
 def _increment(
-    newton: Newton, body: Body, loads: Loads, start: State, change: Array
+    newton: Newton, body: AbstractBody, loads: Loads, start: State, change: Array
 ) -> tuple[_Iterate, Array, Array]:
     """Newton's method at the drives of `start`, by which these have changed: its end, whether it converged,
     and by which part of its motion it missed the mean of its tangents.
@@ -146,7 +145,7 @@ def _increment(
     done = (last.left <= newton.step_tolerance) & ~last.inverted
 
     def size(motion):
-        return jnp.linalg.norm(motion[: body.n_displacements])
+        return jnp.linalg.norm(body.motion(motion))
 
     (step, begin), went = last.first, last.state.z - start.z
     # What the first step settled was not of the drives' doing.
@@ -154,7 +153,7 @@ def _increment(
     return last, done, missed / (size(went) + newton.step_tolerance)
 
 
-def _march(newton: Newton, body: Body, loads: Loads, drive: Array, start: State) -> Solution:
+def _march(newton: Newton, body: AbstractBody, loads: Loads, drive: Array, start: State) -> Solution:
     initial = start.drive
 
     def attempt(at: _March) -> _March:
@@ -163,7 +162,7 @@ def _march(newton: Newton, body: Body, loads: Loads, drive: Array, start: State)
         aim = eqx.tree_at(lambda s: s.drive, at.state, part)
         end, balanced, departure = _increment(newton, body, loads, aim, part - at.state.drive)
         done = balanced & (departure <= _LARGEST_DEPARTURE)
-        softness = jnp.linalg.norm(end.along[: body.n_displacements]) / (reached - at.reached)
+        softness = jnp.linalg.norm(body.motion(end.along)) / (reached - at.reached)
         first = jnp.where(at.accepted == 0, softness, at.first_softness)
         state = jax.tree.map(lambda new, old: jnp.where(done, new, old), end.state, at.state)
         return _March(
@@ -194,12 +193,12 @@ def _march(newton: Newton, body: Body, loads: Loads, drive: Array, start: State)
     failed = RESULTS.where(limit, RESULTS.snapped, failed)
     failed = RESULTS.where(last.attempts >= newton.max_load_steps, RESULTS.step_limit, failed)
     result = RESULTS.where(last.reached >= 1.0, RESULTS.converged, failed)
-    left = jnp.max(jnp.abs(unbalanced(body, loads, last.state)[: body.n_displacements]))
+    left = jnp.max(jnp.abs(body.forces(unbalanced(body, loads, last.state))))
     return Solution(last.state, result, Stats(last.iterations, last.accepted, left))
 
 
 @eqx.filter_custom_jvp
-def _equilibrium(body: Body, loads: Loads, drive: Array, newton: Newton, start: State) -> Solution:
+def _equilibrium(body: AbstractBody, loads: Loads, drive: Array, newton: Newton, start: State) -> Solution:
     return _march(newton, body, loads, drive, start)
 
 
@@ -239,13 +238,15 @@ def _equilibrium_jvp(primals, tangents):
     return solution, tangent
 
 
-def tangent_at(linear: AbstractLinearSolver, body: Body, loads: Loads, state: State) -> Solve:
+def tangent_at(linear: AbstractLinearSolver, body: AbstractBody, loads: Loads, state: State) -> Solve:
     """K⁻¹ at a state by a factor of K itself, as a differentiable map (`linear_solver.tangent_inverse`)."""
     factor = linear.factor(loaded_tangents(*jax.lax.stop_gradient((body, loads, state))))
     return tangent_inverse(linear, factor, stiffness_map(body, loads, state), refinements=0)
 
 
-def solve(newton: Newton, body: Body, loads: Loads, drive: Float[Array, " D"], start: State) -> Solution:
+def solve(
+    newton: Newton, body: AbstractBody, loads: Loads, drive: Float[Array, " D"], start: State
+) -> Solution:
     """The equilibrium of a body under its loads, by continuation of their drives from those of `start`.
 
     `drive` (D,): what is prescribed, in the order of the loads. Never raises: `Solution.result` says how it

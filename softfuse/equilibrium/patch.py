@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.load import AbstractContact, AbstractLoad, LinearPorts, Sizes
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.face_search import EveryFace
@@ -26,7 +26,7 @@ class NormalPatches(AbstractLoad):
     ports: LinearPorts
 
     @classmethod
-    def of(cls, contacts: Sequence[Contact], body: Body) -> "NormalPatches":
+    def of(cls, contacts: Sequence[Contact], body: AbstractBody) -> "NormalPatches":
         """The patches of contacts; the pressure on each is that of all its cells together."""
         rest, rows = zip(*(contact.frame(body) for contact in contacts), strict=True)
         return cls(LinearPorts(_positions_first(jnp.stack(rest)), _positions_first(jnp.stack(rows, axis=1))))

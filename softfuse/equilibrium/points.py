@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.load import AbstractPorts
 from softfuse.functional.material_points import MaterialPoints
 
@@ -25,15 +25,15 @@ class PointPorts(AbstractPorts):
     support: Float[Array, ""]
 
     @classmethod
-    def at(cls, points: MaterialPoints, body: Body) -> "PointPorts":
+    def at(cls, points: MaterialPoints, body: AbstractBody) -> "PointPorts":
         """Each point by itself."""
         return cls.shared(points, jnp.eye(points.nodes.shape[0]), body)
 
     @classmethod
-    def shared(cls, points: MaterialPoints, share: Float[Array, "g m"], body: Body) -> "PointPorts":
+    def shared(cls, points: MaterialPoints, share: Float[Array, "g m"], body: AbstractBody) -> "PointPorts":
         """Means of points; single ones are supported as stiffly as a piece of the body between them."""
         apart = jnp.linalg.norm(jnp.diff(share @ points.location, axis=0), axis=1)
-        spacing = jnp.mean(apart) if apart.size else jnp.cbrt(jnp.sum(body.weights))
+        spacing = jnp.mean(apart) if apart.size else jnp.cbrt(body.volume)
         support = jax.lax.stop_gradient(body.pressure_unit * spacing)
         return cls(points, jnp.asarray(share, float), support)
 
@@ -48,8 +48,9 @@ class PointPorts(AbstractPorts):
 
     def values(self, body, z):
         """Positions (3 g,) [m]."""
-        x = body.rest + body.displacement(z)
-        each = jnp.einsum("ma,mai->mi", self.points.shape(body.rest), x[self.points.nodes])
+        nodes = self.points.nodes
+        x = body.rest[nodes] + body.watched(z)[nodes]
+        each = jnp.einsum("ma,mai->mi", self.points.shape(body.rest), x)
         return (self.share @ each).ravel()
 
     def rows(self, body, z):
@@ -58,8 +59,7 @@ class PointPorts(AbstractPorts):
         shape = self.points.shape(body.rest)
         m, g = shape.shape[0], self.share.shape[0]
         spread = jnp.einsum("ma,ij,gm->maigj", shape, jnp.eye(3), self.share).reshape(m, -1, 3, 3 * g)
-        index = body.displacement_index[self.points.nodes]
-        return jnp.zeros((body.n, 3 * g)).at[index].add(spread, mode="drop")
+        return body.spread(self.points.nodes, spread)
 
     def stiffen(self, body, z, force, tangents):
         """The tangents with the supporting springs; the ports are linear."""
@@ -69,7 +69,7 @@ class PointPorts(AbstractPorts):
         springs = self.support * jnp.sum(self._single, axis=0)
         spring = jnp.einsum("m,ma,mb,ij->maibj", springs, shape, shape, jnp.eye(3))
         block = spring.reshape(-1, 3 * a, 3 * a)
-        return tangents.at[self.points.element, : 3 * a, : 3 * a].add(block)
+        return body.stiffened(tangents, self.points.element, self.points.nodes, block)
 
     @property
     def supports(self):

@@ -7,7 +7,7 @@ pressure; a displacement is a support that moves and holds in both directions, i
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.load import AbstractLoad, AbstractPorts, Sizes
 
 
@@ -21,7 +21,7 @@ class PrescribedForce(AbstractLoad):
     unit: Float[Array, " p"]
 
     @classmethod
-    def on(cls, ports: AbstractPorts, body: Body, unit: Float[Array, " p"]) -> "PrescribedForce":
+    def on(cls, ports: AbstractPorts, body: AbstractBody, unit: Float[Array, " p"]) -> "PrescribedForce":
         """Forces of typical sizes `unit` (p,) on ports of a body."""
         return cls(ports, ports.values(body, jnp.zeros(body.n)), unit)
 
@@ -59,7 +59,9 @@ class PrescribedDisplacement(AbstractLoad):
     unit: Float[Array, " p"]
 
     @classmethod
-    def on(cls, ports: AbstractPorts, body: Body, unit: Float[Array, " p"]) -> "PrescribedDisplacement":
+    def on(
+        cls, ports: AbstractPorts, body: AbstractBody, unit: Float[Array, " p"]
+    ) -> "PrescribedDisplacement":
         """Displacements whose forces have typical sizes `unit` (p,) on ports of a body."""
         return cls(ports, ports.values(body, jnp.zeros(body.n)), unit)
 

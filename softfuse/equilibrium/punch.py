@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.load import AbstractContact, AbstractLoad, LinearPorts, Sizes
 from softfuse.functional.contact import Contact
 
@@ -27,7 +27,7 @@ class Punch(AbstractLoad):
     stiffness: Float[Array, ""]
 
     @classmethod
-    def of(cls, contact: Contact, body: Body) -> "Punch":
+    def of(cls, contact: Contact, body: AbstractBody) -> "Punch":
         """The disc of a contact on a body; γ is μ times the disc's radius."""
         rows = contact.rows(body)
         gamma = jax.lax.stop_gradient(body.pressure_unit * contact.radius)

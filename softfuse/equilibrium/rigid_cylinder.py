@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.load import AbstractLoad, Sizes
 from softfuse.equilibrium.points import PointPorts
 from softfuse.functional.material_points import MaterialPoints
@@ -36,7 +36,7 @@ class RigidCylinder(AbstractLoad):
     @classmethod
     def before(
         cls,
-        body: Body,
+        body: AbstractBody,
         surface: Float[np.ndarray, "m 3"],
         at: Float[np.ndarray, "3"],
         direction: Float[np.ndarray, "3"],

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.load import Loads
 
 
@@ -43,7 +43,7 @@ class State(eqx.Module):
     drive: Float[Array, " D"]
 
     @classmethod
-    def rest(cls, body: Body, loads: Loads) -> "State":
+    def rest(cls, body: AbstractBody, loads: Loads) -> "State":
         """The undeformed state."""
         return cls(jnp.zeros(body.n), *loads.start())
 

@@ -4,39 +4,31 @@ A pressure follows the surface: its nodal forces p ∂V/∂z turn with it, which
 face by face and therefore within the elements that the faces belong to.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.load import AbstractPorts
 from softfuse.errors import MeshError
 from softfuse.functional.cavity import Cavity, cone_volume
 
 
-class _Owners(eqx.Module):
-    """The element (f,) that each face of a cavity belongs to, and the face's unknowns in it (f, 3 s)."""
-
-    element: Int[Array, " f"]
-    slots: Int[Array, "f x"]
-
-
 class VolumePorts(AbstractPorts):
-    """The volumes of cavities (p,) [m³]."""
+    """The volumes of cavities (p,) [m³], and the elements (f,) that the faces of each belong to."""
 
     cavities: tuple[Cavity, ...]
-    owners: tuple[_Owners, ...]
+    elements: tuple[Int[Array, " f"], ...]
 
     @classmethod
-    def of(cls, cavities: tuple[Cavity, ...], body: Body) -> "VolumePorts":
+    def of(cls, cavities: tuple[Cavity, ...], body: AbstractBody) -> "VolumePorts":
         """The cavities of a body. Raises MeshError when a face belongs to none of its elements."""
         return cls(cavities, tuple(_owners(np.asarray(cavity.faces), body) for cavity in cavities))
 
     def values(self, body, z):
         """Enclosed volumes (p,) [m³]."""
-        positions = body.rest + body.displacement(z)
+        positions = body.rest + body.watched(z)
         return jnp.stack([cavity(positions) for cavity in self.cavities])
 
     def rows(self, body, z):
@@ -45,12 +37,11 @@ class VolumePorts(AbstractPorts):
 
     def stiffen(self, body, z, force, tangents):
         """Minus Σ p ∂²V/∂z² for pressures `force` (p,) [Pa]."""
-        positions = body.rest + body.displacement(z)
-        for cavity, owners, pressure in zip(self.cavities, self.owners, force, strict=True):
+        positions = body.rest + body.watched(z)
+        for cavity, element, pressure in zip(self.cavities, self.elements, force, strict=True):
             s = cavity.faces.shape[1]
             bend = jax.vmap(jax.hessian(cone_volume))(positions[cavity.faces]).reshape(-1, 3 * s, 3 * s)
-            row, column = owners.slots[:, :, None], owners.slots[:, None, :]
-            tangents = tangents.at[owners.element[:, None, None], row, column].add(-pressure * bend)
+            tangents = body.stiffened(tangents, element, cavity.faces, -pressure * bend)
         return tangents
 
     @property
@@ -59,13 +50,11 @@ class VolumePorts(AbstractPorts):
         return jnp.zeros(len(self.cavities))
 
 
-def _owners(faces: np.ndarray, body: Body) -> _Owners:
+def _owners(faces: Int[np.ndarray, "f s"], body: AbstractBody) -> Int[Array, " f"]:
     tets = np.asarray(body.tets)
     corners = tets[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]]
     owner = {tuple(key): e for e, four in enumerate(np.sort(corners, axis=2)) for key in four}
     element = np.array([owner.get(tuple(key), -1) for key in np.sort(faces[:, :3], axis=1)])
     if np.any(element < 0):
         raise MeshError("a cavity has a face that belongs to no element: take its faces from the body's mesh")
-    local = np.argmax(tets[element][:, None, :] == faces[:, :, None], axis=2)
-    slots = 3 * local[:, :, None] + np.arange(3)
-    return _Owners(jnp.asarray(element, jnp.int32), jnp.asarray(slots.reshape(len(faces), -1), jnp.int32))
+    return jnp.asarray(element, jnp.int32)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.linear_solver import AbstractLinearSolver
 from softfuse.equilibrium.load import AbstractContact, AbstractLoad, Loads
 from softfuse.equilibrium.newton import Newton, solve
@@ -29,7 +29,7 @@ class Device(eqx.Module):
     a location (3,) m or the number of an electrode as `contact` wants it, is given with each use.
     """
 
-    body: Body
+    body: AbstractBody
     sensors: tuple[Functional, ...]
     contact: AbstractContact
     linear: AbstractLinearSolver
@@ -56,7 +56,7 @@ class Device(eqx.Module):
         def read(positions):
             return jnp.stack([jnp.zeros(()), *(sensor(positions) for sensor in self.sensors)])[1:]
 
-        moved = read(self.body.rest + self.body.displacement(state.z)) - read(self.body.rest)
+        moved = read(self.body.rest + self.body.watched(state.z)) - read(self.body.rest)
         return jnp.concatenate([moved, self.answers(state)[np.array(self.gauges, int)]])
 
     def answers(self, state: State) -> Float[Array, " a"]:

@@ -27,7 +27,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from softfuse.body.body import volume_ratios
 from softfuse.equilibrium.interface import slopes
 from softfuse.equilibrium.linear_solver import Solve
 from softfuse.equilibrium.linearised import coupled, linearise, settled_on, stiffness_map
@@ -104,14 +103,14 @@ class _Solved(NamedTuple):
     contraction: Float[Array, ""]
 
 
-def _refined(solved: _Solved, improve: Callable, moves: slice, refinements: int) -> _Solved:
+def _refined(solved: _Solved, improve: Callable, motion: Callable, refinements: int) -> _Solved:
     """So many refinements by `improve`, (dz, dx) ↦ (ddz, ddx), after the first only where that was not
-    close.
+    close; `motion` of unknowns is what norms are taken of.
     """
 
     def refine(at: _Solved, first: Array) -> _Solved:
         ddz, ddx = improve(at.dz, at.dx)
-        size, change = (jnp.linalg.norm(each[moves], axis=0) for each in (at.dz, ddz))
+        size, change = (jnp.linalg.norm(motion(each), axis=0) for each in (at.dz, ddz))
         contraction = jnp.where(first, jnp.max(change / (size + 1e-12)), at.contraction)
         return _Solved(at.dz + ddz, at.dx + ddx, contraction)
 
@@ -131,7 +130,6 @@ def advance(
     and its report.
     """
     body, loads = device.body, device.loads(seen.places)
-    moves = slice(0, body.n_displacements)
     linear = linearise(body, loads, inverse, state)
     held = linear.held
     settled, y = settled_on(linear, state)
@@ -154,7 +152,7 @@ def advance(
         return system.respond(inverse(left), law - slope.x @ dx - slope.y @ (linear.rows.T @ dz))
 
     first = _Solved(*system.respond(alone, law), jnp.zeros(()))
-    dz, dx, contraction = _refined(first, improve, moves, refinements)
+    dz, dx, contraction = _refined(first, improve, body.motion, refinements)
     dx = dx.at[:q].add(-loads.supports[:, None] * (pushed.T @ dz))  # what the springs carried
     settled_at = _moved(at, dz[:, 0], dx[:, 0])
     along = jax.vmap(lambda z, x: State(z, x[:q], x[q:], jnp.zeros(drives)), 1)(dz[:, 1:], dx[:, 1:])
@@ -175,7 +173,7 @@ def advance(
     change, kkt = solve_bounded_qp(hessian, b, low, high, rows)
     taken = jnp.ones(())
     if limits.motion is not None:
-        taken = 1.0 / jnp.maximum(1.0, jnp.max(jnp.abs(dz[moves, 1:] @ change)) / limits.motion)
+        taken = 1.0 / jnp.maximum(1.0, jnp.max(jnp.abs(body.motion(dz[:, 1:] @ change))) / limits.motion)
     change = taken * change
     after = _moved(settled_at, dz[:, 1:] @ change, dx[:, 1:] @ change)
     after = eqx.tree_at(lambda s: s.drive, after, state.drive + change)
@@ -184,9 +182,9 @@ def advance(
         w,
         kkt,
         taken,
-        jnp.max(jnp.abs(linear.unbalanced)[moves]),
+        jnp.max(jnp.abs(body.forces(linear.unbalanced))),
         contraction,
-        jnp.min(volume_ratios(body, after.z)),
+        jnp.min(body.volume_ratios(after.z)),
     )
     return after, report
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.body.shape import linear, quadratic
 from softfuse.functional.face_search import AbstractFaceSearch, EveryFace, FaceBuckets
 from softfuse.functional.pressure_cells import PressureCells
@@ -140,27 +140,26 @@ class Contact(eqx.Module):
     location: Float[Array, "3"]
     radius: Float[Array, ""]
 
-    def _landed(self, body: Body) -> Landed:
+    def _landed(self, body: AbstractBody) -> Landed:
         points = self.location + self.radius * (self.cells.points @ self.surface.tangents)
         return self.surface.land(body.rest, points)
 
-    def nodal(self, body: Body) -> tuple[Int[Array, "p s"], Float[Array, "p s"]]:
+    def nodal(self, body: AbstractBody) -> tuple[Int[Array, "p s"], Float[Array, "p s"]]:
         """The nodes (p, s) that carry a newton in a point's cell, and their parts (p, s) [-] of it, along the
         direction; the point's cell is `cells.cell`. Nodes may come several times, and held ones come too.
         """
         on = self._landed(body)
         return on.nodes, jnp.where(on.met, self.cells.share, 0.0)[:, None] * on.shape
 
-    def rows(self, body: Body) -> Float[Array, "n m"]:
+    def rows(self, body: AbstractBody) -> Float[Array, "n m"]:
         """∂g_k/∂z (n, m) [-]: nodal forces per newton in cell k; its transpose times z gives the
         displacements g (m,) [m].
         """
         nodes, force = self.nodal(body)
-        index, cell = body.displacement_index[nodes], self.cells.cell[:, None, None]
-        each = force[:, :, None] * self.surface.direction
-        return jnp.zeros((body.n, self.cells.count)).at[index, cell].add(each, mode="drop")
+        own = self.cells.cell[:, None] == jnp.arange(self.cells.count)
+        return body.spread(nodes, jnp.einsum("ps,i,pc->psic", force, self.surface.direction, own))
 
-    def frame(self, body: Body) -> tuple[Float[Array, " 9"], Float[Array, "n 9"]]:
+    def frame(self, body: AbstractBody) -> tuple[Float[Array, " 9"], Float[Array, "n 9"]]:
         """Mean position x (3,) [m] of the patch and its mean tangents ∂x/∂s_1, ∂x/∂s_2 (3,) [-] at rest, and
         the rows of these nine numbers.
 
@@ -173,10 +172,9 @@ class Contact(eqx.Module):
         each = share[:, None, None] * jnp.concatenate([on.shape[:, :, None], on.slopes], axis=2)
         rest = jnp.einsum("psk,psi->ki", each, body.rest[on.nodes]).ravel()
         spread = jnp.einsum("psk,ij->psikj", each, jnp.eye(3)).reshape(*each.shape[:2], 3, 9)
-        index = body.displacement_index[on.nodes]
-        return rest, jnp.zeros((body.n, 9)).at[index].add(spread, mode="drop")
+        return rest, body.spread(on.nodes, spread)
 
-    def overlap(self, body: Body) -> Float[Array, ""]:
+    def overlap(self, body: AbstractBody) -> Float[Array, ""]:
         """Fraction of the disc's quadrature points that lie on the surface [-]: 1 unless it overhangs an
         edge.
         """

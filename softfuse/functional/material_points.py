@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.body.shape import linear, quadratic
 from softfuse.errors import MeshError
 
@@ -53,7 +53,7 @@ class MaterialPoints(eqx.Module):
     location: Float[Array, "g 3"]
 
     @classmethod
-    def embedded(cls, body: Body, points: Float[np.ndarray, "g 3"]) -> "MaterialPoints":
+    def embedded(cls, body: AbstractBody, points: Float[np.ndarray, "g 3"]) -> "MaterialPoints":
         """The points (g, 3) m of a body. Raises MeshError for a point that lies outside it."""
         tets, rest = np.asarray(body.tets), np.asarray(body.rest)
         corner = rest[tets[:, :4]]

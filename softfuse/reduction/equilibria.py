@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from softfuse.body.body import Body, volume_ratios
+from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.linear_solver import AbstractLinearSolver
 from softfuse.equilibrium.linearised import linearise, loaded_tangents, settled_on
 from softfuse.equilibrium.load import Loads
@@ -33,14 +33,16 @@ class Found(eqx.Module):
     factors: Int[Array, ""]
 
 
-def rough_factor(linear: AbstractLinearSolver, body: Body, loads: Loads, state: State) -> PyTree[Array]:
+def rough_factor(
+    linear: AbstractLinearSolver, body: AbstractBody, loads: Loads, state: State
+) -> PyTree[Array]:
     """The factor, good enough to be refined, of the loaded body's tangent at a state."""
     return linear.rough().factor(loaded_tangents(body, loads, state))
 
 
 def step_to(
     linear: AbstractLinearSolver,
-    body: Body,
+    body: AbstractBody,
     loads: Loads,
     drive: Float[Array, " D"],
     state: State,
@@ -72,7 +74,7 @@ class _Search(eqx.Module):
 
 def follow(
     linear: AbstractLinearSolver,
-    body: Body,
+    body: AbstractBody,
     loads: Loads,
     drive: Float[Array, " D"],
     start: State,
@@ -86,7 +88,6 @@ def follow(
     It has converged when no displacement changes by more than `step_tolerance` [m]. Unlike `solve`, it takes
     no care of large increments: start near enough. Pure; not meant to be differentiated.
     """
-    moves = slice(0, body.n_displacements)
 
     def unfinished(at: _Search):
         return (at.length > step_tolerance) & (at.steps < max_steps)
@@ -96,7 +97,7 @@ def follow(
             at.renew, lambda: rough_factor(linear, body, loads, at.state), lambda: at.factor
         )
         after, settled = step_to(linear, body, loads, drive, at.state, renewed)
-        length = jnp.max(jnp.abs((after.z - at.state.z)[moves]))
+        length = jnp.max(jnp.abs(body.motion(after.z - at.state.z)))
         # A factor that was just made gets a second step before it is judged.
         renew = (length > _SHRINKS * at.length) & ~at.renew
         return _Search(after, renewed, length, renew, settled, at.steps + 1, at.factors + at.renew)
@@ -106,5 +107,5 @@ def follow(
     )
     last = jax.lax.while_loop(unfinished, advance, first)
     converged = (last.length <= step_tolerance) & last.settled
-    converged &= jnp.min(volume_ratios(body, last.state.z)) > 0
+    converged &= jnp.min(body.volume_ratios(last.state.z)) > 0
     return Found(last.state, last.factor, converged, last.steps, last.factors)

@@ -33,10 +33,11 @@ def proper_modes(snapshots: Float[np.ndarray, "s n"], product: Product, *, most:
     # Below rounding of the Gram matrix there is nothing but noise.
     kept = min(most, int(np.sum(energy > len(energy) * np.finfo(gram.dtype).eps * energy[:1].sum())))
     modes = snapshots.T @ (vectors[:, :kept] / np.sqrt(energy[:kept]))
-    return Modes(_orthonormal(modes, product), energy)
+    # The Gram matrix squares the condition, so the last modes are orthogonal only roughly.
+    return Modes(orthonormal(modes, product), energy)
 
 
-def _orthonormal(modes: Float[np.ndarray, "n m"], product: Product) -> Float[np.ndarray, "n m"]:
-    """The same span: the Gram matrix squares the condition, so the last modes are orthogonal only roughly."""
-    factor = np.linalg.cholesky(modes.T @ product(modes))
-    return np.linalg.solve(factor, modes.T).T
+def orthonormal(columns: Float[np.ndarray, "n m"], product: Product) -> Float[np.ndarray, "n m"]:
+    """The same span in columns orthonormal in an inner product."""
+    factor = np.linalg.cholesky(columns.T @ product(columns))
+    return np.linalg.solve(factor, columns.T).T

@@ -12,13 +12,13 @@ import pytest
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-from softfuse.body import Body, element_tangents, residual
+from softfuse.body import Body
 from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.tetmesh import TetMesh, tet_mesh
 
-_tangents = jax.jit(element_tangents)
-_residual = jax.jit(residual)
+_tangents = jax.jit(Body.element_tangents)
+_residual = jax.jit(Body.residual)
 
 
 def _assembled(body: Body, tangents: np.ndarray) -> csc_array:

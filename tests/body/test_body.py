@@ -5,13 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.body import ELEMENTS, LINEAR, QUADRATIC, TAYLOR_HOOD, Body, lagrangian, mesh_for, residual
+from softfuse.body import ELEMENTS, LINEAR, QUADRATIC, TAYLOR_HOOD, Body, mesh_for
 from softfuse.errors import MeshError
 from softfuse.material import NeoHookean
 from softfuse.mesh.tetmesh import TetMesh, quadratic, tet_mesh, volumes
 
 SIZE, LAW = 0.03, NeoHookean.from_young(6e5, 0.49)
-_lagrangian, _residual = jax.jit(lagrangian), jax.jit(residual)
+_lagrangian, _residual = jax.jit(Body.lagrangian), jax.jit(Body.residual)
 
 
 def _nodal(body: Body, z) -> np.ndarray:

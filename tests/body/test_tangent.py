@@ -5,11 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.body import ELEMENTS, Body, lagrangian, mesh_for, residual, tangent_action
+from softfuse.body import ELEMENTS, Body, mesh_for
 from softfuse.material import NeoHookean, Yeoh
 from softfuse.mesh.tetmesh import TetMesh, linear, quadratic
 
-_lagrangian, _residual, _action = jax.jit(lagrangian), jax.jit(residual), jax.jit(tangent_action)
+_lagrangian, _residual, _action = (
+    jax.jit(Body.lagrangian),
+    jax.jit(Body.residual),
+    jax.jit(Body.tangent_action),
+)
 SIZE = 0.02
 
 
@@ -37,7 +41,7 @@ def case(request, box):
 
 def test_element_tangents_assemble_to_the_hessian(case, assembled) -> None:
     body, z = case
-    hessian = np.asarray(jax.jit(jax.hessian(lagrangian, argnums=1))(body, z))
+    hessian = np.asarray(jax.jit(jax.hessian(Body.lagrangian, argnums=1))(body, z))
     np.testing.assert_allclose(assembled(body, z).toarray(), hessian, atol=1e-12 * np.abs(hessian).max())
     assert np.linalg.norm(hessian) > 0
 
@@ -66,7 +70,7 @@ def test_residual_is_the_slope_of_the_lagrangian(case) -> None:
 
 def test_residual_is_the_gradient_of_the_lagrangian(case) -> None:
     body, z = case
-    gradient = np.asarray(jax.jit(jax.grad(lagrangian, argnums=1))(body, z))
+    gradient = np.asarray(jax.jit(jax.grad(Body.lagrangian, argnums=1))(body, z))
     np.testing.assert_allclose(_residual(body, z), gradient, atol=1e-12 * np.abs(gradient).max())
 
 
@@ -85,8 +89,8 @@ def test_residual_differentiates_like_the_gradient(case) -> None:
         at, along = (body.rest, body.materials), (move, stiffer)
         return jax.jvp(work, at, along)[1], jax.grad(work, argnums=(0, 1))(*at)
 
-    forward, backward = jax.jit(lambda: compared(residual))()
-    expected, by_energy = jax.jit(lambda: compared(jax.grad(lagrangian, argnums=1)))()
+    forward, backward = jax.jit(lambda: compared(Body.residual))()
+    expected, by_energy = jax.jit(lambda: compared(jax.grad(Body.lagrangian, argnums=1)))()
     assert abs(float(expected)) > 0
     np.testing.assert_allclose(forward, expected, rtol=1e-10)
     for found, wanted in zip(jax.tree.leaves(backward), jax.tree.leaves(by_energy), strict=True):

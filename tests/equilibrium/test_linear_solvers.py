@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.body import QUADRATIC, TAYLOR_HOOD, Body, element_tangents, mesh_for, tangent_action
+from softfuse.body import QUADRATIC, TAYLOR_HOOD, Body, mesh_for
 from softfuse.equilibrium import Multifrontal, tangent_inverse
 from softfuse.equilibrium.dense import Dense
 from softfuse.equilibrium.dissection import dissect
@@ -18,7 +18,7 @@ from softfuse.errors import SolveError
 from softfuse.material import NeoHookean
 from softfuse.mesh.tetmesh import tet_mesh
 
-_tangents = jax.jit(element_tangents)
+_tangents = jax.jit(Body.element_tangents)
 _solved = eqx.filter_jit(lambda solver, tangents, rhs: solver.solve(solver.factor(tangents), rhs))
 
 
@@ -144,7 +144,7 @@ def test_a_stale_factor_is_corrected_by_refinement(pad, generic) -> None:
     errors = []
     for refinements in (0, 1, 4):
         inverse = jax.jit(
-            tangent_inverse(solver, stale, lambda x: tangent_action(body, z, x), refinements=refinements)
+            tangent_inverse(solver, stale, lambda x: body.tangent_action(z, x), refinements=refinements)
         )
         errors.append(np.linalg.norm(inverse(rhs) - exact) / np.linalg.norm(exact))
     assert 1e-4 < errors[0] < 0.3
@@ -163,8 +163,8 @@ def test_derivatives_of_the_inverse(pad, generic) -> None:
     def solved(z, factor_of_young):
         law = body.materials[0]
         softer = body.with_materials([NeoHookean(law.mu * factor_of_young, law.lame * factor_of_young)])
-        factor = solver.factor(jax.lax.stop_gradient(element_tangents(softer, z)))
-        return tangent_inverse(solver, factor, lambda x: tangent_action(softer, z, x), refinements=0)(rhs)
+        factor = solver.factor(jax.lax.stop_gradient(softer.element_tangents(z)))
+        return tangent_inverse(solver, factor, lambda x: softer.tangent_action(z, x), refinements=0)(rhs)
 
     compiled = jax.jit(solved)
     one = jnp.asarray(1.0)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_bvp
 
-from softfuse.body import QUADRATIC, TAYLOR_HOOD, Body, mesh_for, residual, volume_ratios
+from softfuse.body import QUADRATIC, TAYLOR_HOOD, Body, mesh_for
 from softfuse.equilibrium import (
     RESULTS,
     LinearPorts,
@@ -35,7 +35,7 @@ from softfuse.mesh.surface import boundary_faces
 
 LOAD, YOUNG, HEIGHT = 3.0, 1e6, 1e-3
 _solve = eqx.filter_jit(solve)
-_residual, _volume_ratios = jax.jit(residual), jax.jit(volume_ratios)
+_residual, _volume_ratios = jax.jit(Body.residual), jax.jit(Body.volume_ratios)
 
 
 def _left(body: Body, rows, state: State) -> np.ndarray:

@@ -25,7 +25,7 @@ import pytest
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-from softfuse.body import LINEAR, Body, volume_ratios
+from softfuse.body import LINEAR, Body
 from softfuse.equilibrium import RESULTS, LinearPorts, Loads, Newton, PrescribedForce, Solution, State, solve
 from softfuse.equilibrium.dense import Dense
 from softfuse.equilibrium.sparse import SparseLU
@@ -51,7 +51,7 @@ LOADS = [("pad_s", 2), ("pad_s", 5), ("pad_s", 10), ("pad_m", 2), ("pad_m", 5)]
 ANOTHER_ORDER = [2, 3, 0, 1]  # an even permutation: the tets stay positive
 
 _solve = eqx.filter_jit(solve)
-_volume_ratios = eqx.filter_jit(volume_ratios)
+_volume_ratios = eqx.filter_jit(Body.volume_ratios)
 
 
 class Pad(NamedTuple):

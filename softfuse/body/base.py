@@ -1,0 +1,108 @@
+"""What every body can do, whatever its unknowns are: those of all nodes, or the few of a reduced body.
+
+Unknowns z (n,) determine displacements u(z) of all nodes of a mesh, linearly, and an energy L(z); residual r
+= ∂L/∂z, tangent K = ∂²L/∂z². Whatever pushes a body does so at its nodes: forces on nodes become generalised
+forces on the unknowns by the transpose of u(z).
+"""
+
+from abc import abstractmethod
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+_WRITTEN_OUT = 3  # columns
+
+
+class AbstractBody(eqx.Module):
+    """A body in equilibrium under what pushes its nodes.
+
+    `rest` (k, 3) [m] and `tets` (e, a): its mesh; `pressure_unit` [Pa]: a typical stiffness of its materials;
+    `volume` [m³]: of them at rest; `n`: number of unknowns.
+    """
+
+    rest: eqx.AbstractVar[Float[Array, "k 3"]]
+    tets: eqx.AbstractVar[Int[Array, "e a"]]
+    pressure_unit: eqx.AbstractVar[Float[Array, ""]]
+    volume: eqx.AbstractVar[Float[Array, ""]]
+    n: eqx.AbstractVar[int]
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of displacement nodes."""
+        return self.rest.shape[0]
+
+    @property
+    @abstractmethod
+    def element_unknowns(self) -> Int[Array, "e d"]:
+        """The unknowns that each of the `element_tangents` belongs to; n for held ones."""
+
+    @abstractmethod
+    def residual(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
+        """r(z) = ∂L/∂z (n,): generalised forces that the body exerts against loads."""
+
+    @abstractmethod
+    def element_tangents(self, z: Float[Array, " n"]) -> Float[Array, "e d d"]:
+        """Second derivatives (e, d, d) of L's parts, in the order of `element_unknowns`."""
+
+    @abstractmethod
+    def stiffened(
+        self,
+        tangents: Float[Array, "e d d"],
+        element: Int[Array, " f"],
+        nodes: Int[Array, "f s"],
+        blocks: Float[Array, "f x x"],
+    ) -> Float[Array, "e d d"]:
+        """Element tangents (e, d, d) plus stiffnesses (f, 3 s, 3 s) [N/m] between the nodes (f, s) of an
+        element (f,) each.
+        """
+
+    @abstractmethod
+    def volume_ratios(self, z: Float[Array, " n"]) -> Float[Array, "e q"]:
+        """J = det F at the quadrature points; J ≤ 0 means an inverted element."""
+
+    @abstractmethod
+    def displacement(self, z: Float[Array, " n"]) -> Float[Array, "k 3"]:
+        """Displacements (k, 3) m of all nodes; fixed nodes stay at 0."""
+
+    @abstractmethod
+    def watched(self, z: Float[Array, " n"]) -> Float[Array, "k 3"]:
+        """Displacements (k, 3) m of the nodes that loads and functionals look at, NaN where none does: what
+        live steps use instead of `displacement`.
+        """
+
+    @abstractmethod
+    def spread(self, nodes: Int[Array, "..."], forces: Float[Array, "... 3 c"]) -> Float[Array, "n c"]:
+        """c generalised forces (n, c) of forces (..., 3, c) on nodes (...), which may come several times: the
+        transpose of `watched`.
+        """
+
+    @abstractmethod
+    def forces(self, residual: Float[Array, " n"]) -> Float[Array, " f"]:
+        """Forces [N] that generalised forces (n,) amount to, in any order: for norms."""
+
+    @abstractmethod
+    def motion(self, dz: Float[Array, "n *c"]) -> Float[Array, "u *c"]:
+        """Displacements (u,) or (u, c) [m] that changes of the unknowns, (n,) or c columns, amount to, in any
+        order: for norms.
+        """
+
+    def tangent_action(self, z: Float[Array, " n"], directions: Float[Array, "n c"]) -> Float[Array, "n c"]:
+        """K(z) applied to c directions (n, c), without forming K."""
+        _, action = jax.linearize(self.residual, z)
+        return column_by_column(action, directions)
+
+
+def column_by_column(
+    action: Callable[[Float[Array, " n"]], Float[Array, " n"]], directions: Float[Array, "n c"]
+) -> Float[Array, "n c"]:
+    """A linear map of vectors (n,) applied to c columns (n, c), one after the other.
+
+    What the map reads at every element stays in the processor's cache meanwhile, which all columns at once
+    would push out. A few are written out, so that XLA need not store all that for a loop.
+    """
+    if directions.shape[1] <= _WRITTEN_OUT:
+        return jnp.stack([action(column) for column in directions.T], axis=1)
+    return jax.lax.map(action, directions.T).T

@@ -1,0 +1,115 @@
+"""A body whose shape is a sum of modes, and whose energy is measured at a few weighted elements.
+
+Unknowns z = (α, β): amplitudes of displacement modes, u = Σ α_k U_k, and of pressure modes. Its equations are
+those of the full body, projected onto the modes (Galerkin). Their linear part K₀ z is exact; what the energy
+has beyond its quadratic part at rest is summed over the sample, elements e with weights w_e:
+
+    r(z) = K₀ z + Σ_e w_e Φ_eᵀ (f_e(Φ_e z) − k_e Φ_e z) − g,
+
+with the modes at the element's unknowns Φ_e, its forces f_e, its tangent at rest k_e, and gravity's work g. As
+the modes are the same for loads, functionals and energy, the forces have a potential and W_va keeps its
+symmetry. Source for the sampling: Farhat, Avery, Chapman and Cortial, Int. J. Numer. Meth. Eng. 98(9),
+2014; that it is applied to what is beyond the linear part is ours.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from softfuse.body.base import AbstractBody
+from softfuse.body.body import Body
+
+
+class ReducedBody(AbstractBody):
+    """See the module; m of the n unknowns are displacement modes.
+
+    `shapes` (k, 3, m) [m]: the displacement modes at all nodes; `seen` (k,): the place of each watched node
+    in `seen_shapes` (w, 3, m) [m], w for nodes that nothing looks at; `sample`: the weighted elements with
+    unknowns of their own (s,), and `sampled` (s, n) their values in every mode; `linear` (n, n): K₀ −
+    Σ w Φ_eᵀ k_e Φ_e; `weight` (n,): g; `volume` [m³]; `stiffness` [N/m]: of the body under a contact, by
+    which energies are told as forces.
+    """
+
+    rest: Float[Array, "k 3"]
+    tets: Int[Array, "e a"]
+    pressure_unit: Float[Array, ""]
+    shapes: Float[Array, "k 3 m"]
+    seen: Int[Array, " k"]
+    seen_shapes: Float[Array, "w 3 m"]
+    sample: Body
+    sampled: Float[Array, "s n"]
+    linear: Float[Array, "n n"]
+    weight: Float[Array, " n"]
+    volume: Float[Array, ""]
+    stiffness: Float[Array, ""]
+    n: int = eqx.field(static=True)
+
+    @property
+    def displacement_modes(self) -> int:
+        """m: how many of the unknowns move nodes."""
+        return self.shapes.shape[2]
+
+    @property
+    def element_unknowns(self) -> Int[Array, "1 n"]:
+        """All unknowns: the body is one element."""
+        return jnp.arange(self.n)[None]
+
+    def residual(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
+        """r(z) (n,): see the module."""
+        return self.linear @ z + self.sampled.T @ self.sample.residual(self.sampled @ z) - self.weight
+
+    def element_tangents(self, z: Float[Array, " n"]) -> Float[Array, "1 n n"]:
+        """K(z) (1, n, n)."""
+        tangents = self.sample.element_tangents(self.sampled @ z)
+        held = jnp.concatenate([self.sampled, jnp.zeros((1, self.n))])
+        modes = held[self.sample.element_unknowns]
+        stiff = jnp.einsum("eab,ebn->ean", tangents, modes)
+        return (self.linear + modes.reshape(-1, self.n).T @ stiff.reshape(-1, self.n))[None]
+
+    def stiffened(
+        self,
+        tangents: Float[Array, "1 n n"],
+        element: Int[Array, " f"],
+        nodes: Int[Array, "f s"],
+        blocks: Float[Array, "f x x"],
+    ) -> Float[Array, "1 n n"]:
+        """K (1, n, n) plus stiffnesses (f, 3 s, 3 s) [N/m] between nodes (f, s)."""
+        del element
+        m = self.displacement_modes
+        modes = self.seen_shapes[self.seen[nodes]].reshape(*blocks.shape[:2], m)
+        stiff = jnp.einsum("fab,fbm->fam", blocks, modes)
+        return tangents.at[0, :m, :m].add(modes.reshape(-1, m).T @ stiff.reshape(-1, m))
+
+    def volume_ratios(self, z: Float[Array, " n"]) -> Float[Array, "e q"]:
+        """J = det F at the sample's quadrature points."""
+        return self.sample.volume_ratios(self.sampled @ z)
+
+    def displacement(self, z: Float[Array, " n"]) -> Float[Array, "k 3"]:
+        """Displacements (k, 3) m of all nodes."""
+        return self.shapes @ z[: self.displacement_modes]
+
+    def watched(self, z: Float[Array, " n"]) -> Float[Array, "k 3"]:
+        """Displacements (k, 3) m of the nodes that loads and functionals look at, NaN of others."""
+        moved = self.seen_shapes @ z[: self.displacement_modes]
+        return jnp.concatenate([moved, jnp.full((1, 3), jnp.nan)])[self.seen]
+
+    def spread(self, nodes: Int[Array, "..."], forces: Float[Array, "... 3 c"]) -> Float[Array, "n c"]:
+        """c generalised forces (n, c) of forces (..., 3, c) [N] on nodes (...); NaN where one is on a node
+        that is not watched, so that nothing is lost without a word.
+        """
+        w, m, c = self.seen_shapes.shape[0], self.displacement_modes, forces.shape[-1]
+        nodal = jnp.zeros((w + 1, 3, c)).at[self.seen[nodes]].add(forces)
+        lost = jnp.where(jnp.any(nodal[w] != 0, axis=0), jnp.nan, 0.0)
+        pushed = self.seen_shapes.reshape(-1, m).T @ nodal[:w].reshape(-1, c)
+        return jnp.concatenate([pushed + lost, jnp.zeros((self.n - m, c))])
+
+    def forces(self, residual: Float[Array, " n"]) -> Float[Array, " n"]:
+        """The forces [N] that store as much energy in `stiffness` as the generalised ones in the body: its
+        modes are orthonormal in the energy.
+        """
+        return jnp.sqrt(self.stiffness) * residual
+
+    def motion(self, dz: Float[Array, "n *c"]) -> Float[Array, "u *c"]:
+        """The displacements (3 w,) or (3 w, c) [m] of the watched nodes."""
+        m = self.displacement_modes
+        return self.seen_shapes.reshape(-1, m) @ dz[:m]
