@@ -20,19 +20,23 @@ class AbstractBody(eqx.Module):
     """A body in equilibrium under what pushes its nodes.
 
     `rest` (k, 3) [m] and `tets` (e, a): its mesh; `pressure_unit` [Pa]: a typical stiffness of its materials;
-    `volume` [m³]: of them at rest; `n`: number of unknowns.
+    `n`: number of unknowns.
     """
 
     rest: eqx.AbstractVar[Float[Array, "k 3"]]
     tets: eqx.AbstractVar[Int[Array, "e a"]]
     pressure_unit: eqx.AbstractVar[Float[Array, ""]]
-    volume: eqx.AbstractVar[Float[Array, ""]]
     n: eqx.AbstractVar[int]
 
     @property
     def n_nodes(self) -> int:
         """Number of displacement nodes."""
         return self.rest.shape[0]
+
+    @property
+    @abstractmethod
+    def volume(self) -> Float[Array, ""]:
+        """Volume [m³] of the material at rest."""
 
     @property
     @abstractmethod

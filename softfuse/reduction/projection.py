@@ -52,7 +52,7 @@ def project(
         sampled=jnp.asarray(sampled),
         linear=jnp.asarray(columns.T @ (stiffness.whole @ columns) - counted),
         weight=jnp.asarray(columns.T @ np.asarray(body.weight)),
-        volume=body.volume,
+        rest_volume=body.volume,
         stiffness=jnp.asarray(contact_stiffness),
         n=columns.shape[1],
     )

@@ -6,8 +6,8 @@ has beyond its quadratic part at rest is summed over the sample, elements e with
 
     r(z) = K₀ z + Σ_e w_e Φ_eᵀ (f_e(Φ_e z) − k_e Φ_e z) − g,
 
-with the modes at the element's unknowns Φ_e, its forces f_e, its tangent at rest k_e, and gravity's work g. As
-the modes are the same for loads, functionals and energy, the forces have a potential and W_va keeps its
+with the modes at the element's unknowns Φ_e, its forces f_e, its tangent at rest k_e, and gravity's work g.
+As the modes are the same for loads, functionals and energy, the forces have a potential and W_va keeps its
 symmetry. Source for the sampling: Farhat, Avery, Chapman and Cortial, Int. J. Numer. Meth. Eng. 98(9),
 2014; that it is applied to what is beyond the linear part is ours.
 """
@@ -26,7 +26,7 @@ class ReducedBody(AbstractBody):
     `shapes` (k, 3, m) [m]: the displacement modes at all nodes; `seen` (k,): the place of each watched node
     in `seen_shapes` (w, 3, m) [m], w for nodes that nothing looks at; `sample`: the weighted elements with
     unknowns of their own (s,), and `sampled` (s, n) their values in every mode; `linear` (n, n): K₀ −
-    Σ w Φ_eᵀ k_e Φ_e; `weight` (n,): g; `volume` [m³]; `stiffness` [N/m]: of the body under a contact, by
+    Σ w Φ_eᵀ k_e Φ_e; `weight` (n,): g; `rest_volume` [m³]; `stiffness` [N/m]: of the body under a contact, by
     which energies are told as forces.
     """
 
@@ -40,7 +40,7 @@ class ReducedBody(AbstractBody):
     sampled: Float[Array, "s n"]
     linear: Float[Array, "n n"]
     weight: Float[Array, " n"]
-    volume: Float[Array, ""]
+    rest_volume: Float[Array, ""]
     stiffness: Float[Array, ""]
     n: int = eqx.field(static=True)
 
@@ -48,6 +48,11 @@ class ReducedBody(AbstractBody):
     def displacement_modes(self) -> int:
         """m: how many of the unknowns move nodes."""
         return self.shapes.shape[2]
+
+    @property
+    def volume(self) -> Float[Array, ""]:
+        """Volume [m³] of the material at rest."""
+        return self.rest_volume
 
     @property
     def element_unknowns(self) -> Int[Array, "1 n"]:
