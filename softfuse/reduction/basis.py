@@ -1,9 +1,9 @@
 """Which modes a reduced body needs: what loads do to the body at rest, and what is left of its equilibria.
 
 Attachment modes K₀⁻¹g are the body's responses at rest to unit forces g, for all forces that the loads
-can exert. They hold the whole linear behaviour, wherever between those that were trained the forces act, and most
-of what is nonlinear near a contact, for their amplitudes are free. What equilibria have beyond them is smooth,
-and a few proper modes hold it. Source for the term: Craig and Kurdila, Fundamentals of Structural
+can exert. They hold the whole linear behaviour, wherever between the trained ones the forces act, and most
+of what is nonlinear near a contact, for their amplitudes are free. What equilibria have beyond them is
+smooth, and a few proper modes hold it. Source for the term: Craig and Kurdila, Fundamentals of Structural
 Dynamics, 2006, ch. 17.
 """
 

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -21,11 +20,12 @@ from softfuse.estimation.step import Observation
 from softfuse.material import MooneyRivlin, NeoHookean
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.tetmesh import tet_mesh
-from softfuse.reduction.basis import Basis, basis_of, force_span
+from softfuse.reduction.basis import Basis
+from softfuse.reduction.chart import Chart, ChartSettings, chart
 from softfuse.reduction.cubature import Cubature
 from softfuse.reduction.projection import project
 from softfuse.reduction.reduced_body import ReducedBody
-from softfuse.reduction.rest_stiffness import RestStiffness, rest_responses, rest_stiffness
+from softfuse.reduction.rest_stiffness import rest_stiffness
 from softfuse.reduction.sampling import sampled
 from softfuse.reduction.snapshots import snapshots
 
@@ -36,8 +36,6 @@ CELL = [
 """Places of the contact."""
 UNSEEN = [((-12.3 * MM, 3.1 * MM), 6.0), ((-9.3 * MM, 0.4 * MM), 7.5), ((-14.9 * MM, 5.2 * MM), 2.2)]
 """Places and forces [N] that nothing was trained on."""
-
-_rows = eqx.filter_jit(lambda device, place: device.loads(place).rows(device.body, jnp.zeros(device.body.n)))
 
 
 def at(x: float, y: float) -> jax.Array:
@@ -51,13 +49,10 @@ def device_loads(device: Device) -> Callable[[AbstractBody, jax.Array], Loads]:
 
 
 class Trained(NamedTuple):
-    """The device with a reduced body, and what that was made of."""
+    """The device with a reduced body, and the chart that it is from."""
 
     device: Device
-    basis: Basis
-    stiffness: RestStiffness
-    amplitudes: np.ndarray
-    elements: int
+    chart: Chart
 
 
 @pytest.fixture(scope="module")
@@ -65,24 +60,18 @@ def trained(device: Device) -> Trained:
     """The small device around one place, from eighteen of its equilibria."""
     body = device.body
     assert isinstance(body, Body)
-    stiffness = rest_stiffness(body)
-    rows = [np.asarray(_rows(device, jnp.asarray(place)[None])) for place in CELL]
-    attachments = rest_responses(device.linear, body, force_span(rows))
-    presses = [jnp.asarray(place)[None] for place in CELL[::3]]
-    found = snapshots(device.linear, body, device_loads(device), presses, np.array([[4.0], [8.0]])).states
-    basis = basis_of(stiffness, attachments, found, corrections=10, pressures=18)
-    u = body.n_displacements
-    amplitudes = np.concatenate(
-        [
-            found[:, :u] @ (stiffness.displacement @ basis.displacement),
-            found[:, u:] @ (stiffness.pressure @ basis.pressure),
-        ],
-        axis=1,
+    presses = [jnp.asarray(place)[None] for place in CELL]
+    reduced = chart(
+        device.linear,
+        body,
+        device_loads(device),
+        around=presses,
+        presses=presses[::3],
+        levels=np.array([[4.0], [8.0]]),
+        watched=np.arange(body.n_nodes),
+        settings=ChartSettings(corrections=10, pressures=18),
     )
-    cubature = sampled(body, basis, amplitudes, tolerance=1e-2, most=200)
-    reduced = project(body, basis, stiffness, cubature, np.arange(body.n_nodes), 1e3)
-    small = replace(device, body=reduced, linear=Dense.plan(reduced))
-    return Trained(small, basis, stiffness, amplitudes, len(cubature.parts))
+    return Trained(replace(device, body=reduced.body, linear=Dense.plan(reduced.body)), reduced)
 
 
 @pytest.fixture(scope="module", params=[TAYLOR_HOOD, LINEAR], ids=lambda element: element.name)
@@ -125,7 +114,7 @@ def test_with_all_elements_it_is_the_projection_of_the_full_body(heavy: Body) ->
 
 def test_its_tangent_is_the_slope_of_its_residual(trained: Trained) -> None:
     body = trained.device.body
-    z = jnp.asarray(trained.amplitudes[3])
+    z = jnp.asarray(trained.chart.amplitudes[3])
     slope = jax.jit(jax.jacfwd(ReducedBody.residual, argnums=1))(body, z)
     tangent = jax.jit(ReducedBody.element_tangents)(body, z)[0]
     np.testing.assert_allclose(tangent, slope, atol=1e-9 * float(jnp.abs(slope).max()))
@@ -134,7 +123,9 @@ def test_its_tangent_is_the_slope_of_its_residual(trained: Trained) -> None:
 
 def test_modes_are_orthonormal_in_stiffness_and_compressibility(trained: Trained) -> None:
     for modes, matrix in zip(
-        trained.basis, (trained.stiffness.displacement, trained.stiffness.pressure), strict=True
+        trained.chart.basis,
+        (trained.chart.stiffness.displacement, trained.chart.stiffness.pressure),
+        strict=True,
     ):
         np.testing.assert_allclose(modes.T @ (matrix @ modes), np.eye(modes.shape[1]), atol=1e-9)
 
@@ -150,7 +141,9 @@ def test_unseen_presses_are_within_a_percent_of_the_full_body(device, trained, p
     assert float(jnp.max(jnp.abs(trained.device.reading(found.state) - volumes))) < 1e-2 * float(
         jnp.max(jnp.abs(volumes))
     )
-    assert trained.device.body.n < 0.03 * device.body.n and trained.elements < 0.25 * len(device.body.tets)
+    assert trained.device.body.n < 0.03 * device.body.n and len(trained.chart.cubature.parts) < 0.25 * len(
+        device.body.tets
+    )
 
 
 def test_its_compliance_is_that_of_the_full_body_and_the_slope_of_its_own_readings(device, trained) -> None:
@@ -180,9 +173,9 @@ def test_forces_on_nodes_that_nothing_watches_are_not_lost_without_a_word(device
     body = device.body
     top = np.unique(np.asarray(device.contact.disc.surface.faces))
     elements = Cubature(np.arange(20), np.ones(20), 0.0)
-    reduced = project(body, trained.basis, trained.stiffness, elements, top, 1.0)
+    reduced = project(body, trained.chart.basis, trained.chart.stiffness, elements, top, 1.0)
     below = np.setdiff1d(np.arange(body.n_nodes), top)[:2]
-    z = jnp.asarray(trained.amplitudes[0])
+    z = jnp.asarray(trained.chart.amplitudes[0])
     moved = np.asarray(reduced.watched(z))
     np.testing.assert_allclose(moved[top], np.asarray(reduced.displacement(z))[top], atol=1e-18)
     assert np.isnan(moved[below]).all()
@@ -208,6 +201,6 @@ def test_snapshots_end_where_the_body_cannot_carry_the_load(device) -> None:
 
 
 def test_a_state_at_rest_is_refused(device, trained) -> None:
-    still = trained.amplitudes * (np.arange(len(trained.amplitudes)) != 4)[:, None]
+    still = trained.chart.amplitudes * (np.arange(len(trained.chart.amplitudes)) != 4)[:, None]
     with pytest.raises(SolveError, match="training state 4 is the body at rest"):
-        sampled(device.body, trained.basis, still, tolerance=1e-2, most=10)
+        sampled(device.body, trained.chart.basis, still, tolerance=1e-2, most=10)
