@@ -4,7 +4,7 @@ import os
 from collections.abc import Sequence
 
 # OpenBLAS reads this when scipy loads it. Its threads wait for each other in loops: where other processes
-# kept the cores busy, a factor of the tangent was seen to take ten times as long with two of them as with one.
+# kept the cores busy, a factor of the tangent was seen to take ten times as long with two as with one.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
