@@ -151,6 +151,18 @@ def shown(value: Any) -> str:
     return str(value)
 
 
+_COMMON = {
+    ("mm", "m"): "1e-3",
+    ("mm^3", "m^3"): "1e-9",
+    ("kPa", "Pa"): "1e3",
+    ("MPa", "Pa"): "1e6",
+    ("mV", "V"): "1e-3",
+    ("mV/s^0.5", "V/s^0.5"): "1e-3",
+    ("V min/L", "V s/m^3"): "6e4",
+}
+"""What pint says of the units of most configurations, which it takes longer to load than all else there."""
+
+
 @cache
 def _registry():
     import pint
@@ -163,6 +175,10 @@ def _registry():
 @cache
 def _factor(unit: str, target: str) -> Decimal | str:
     """SI units per unit, or why there is no such number, as the end of a sentence about the quantity."""
+    if unit == target:
+        return Decimal(1)
+    if (unit, target) in _COMMON:
+        return Decimal(_COMMON[unit, target])
     import pint
 
     registry = _registry()

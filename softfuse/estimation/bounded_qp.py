@@ -8,18 +8,14 @@ that knows jaxopt.
 """
 
 import warnings
+from functools import cache
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-with warnings.catch_warnings():
-    # It says on import that it is no longer developed: known, and the reason why it lives here only.
-    warnings.simplefilter("ignore", DeprecationWarning)
-    from jaxopt import BoxOSQP
-
-_SOLVER = BoxOSQP(tol=1e-8, maxiter=4000, check_primal_dual_infeasability=False, jit=True)
 _NO_BOUND = 1e15  # of a scaled unknown: stands for an infinite bound
 _ROUNDING = 1e-10  # by which a row may miss its bound
 _MAX_CHANGES = 30
@@ -111,10 +107,20 @@ def _held(
     return found[:n], found[n:]
 
 
+@cache
+def _solver() -> Any:
+    # Where no program is traced, nobody waits for it and for what it imports.
+    with warnings.catch_warnings():
+        # It says on import that it is no longer developed: known, and the reason why it lives here only.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        from jaxopt import BoxOSQP
+    return BoxOSQP(tol=1e-8, maxiter=4000, check_primal_dual_infeasability=False, jit=True)
+
+
 def _active(q: Array, b: Array, matrix: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """Which of the rows (m,) sit on their lower and on their upper bound; both for equalities."""
     low, high = jnp.maximum(low, -_NO_BOUND), jnp.minimum(high, _NO_BOUND)
-    found = _SOLVER.run(params_obj=(q, -b), params_eq=matrix, params_ineq=(low, high)).params
+    found = _solver().run(params_obj=(q, -b), params_eq=matrix, params_ineq=(low, high)).params
     value = found.primal[1]
     up, down = found.dual_ineq
     equal = low == high

@@ -16,24 +16,37 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from softfuse.estimation.kept_programs import lowered
 from softfuse.sensing.senses import AbstractSenses, Sensed
 
 Packed = dict[str, Array]
 """Vectors of all leaves of a tree that share a type of number, by its name."""
 
 
+@dataclass(frozen=True, eq=False)
 class Packing:
-    """Where the leaves of one kind of tree are in its vectors."""
+    """Where the leaves of one kind of tree, those of shapes `like`, are in its vectors."""
 
-    def __init__(self, like: Any):
-        """`like`: a tree of that kind, of arrays or of their shapes."""
-        leaves, self._structure = jax.tree.flatten(like)
-        self._places: list[tuple[str, int, int, tuple[int, ...]]] = []
-        ends: dict[str, int] = {}
-        for leaf in leaves:
+    like: Any
+
+    @classmethod
+    def of(cls, tree: Any) -> "Packing":
+        """The packing of trees like this one of arrays or their shapes."""
+        return cls(jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), tree))
+
+    @cached_property
+    def _structure(self) -> Any:
+        return jax.tree.structure(self.like)
+
+    @cached_property
+    def _places(self) -> list[tuple[str, int, int, tuple[int, ...]]]:
+        """Of each leaf: the vector, its begin and end there, its shape."""
+        places, ends = [], {}
+        for leaf in jax.tree.leaves(self.like):
             kind, start = str(leaf.dtype), ends.get(str(leaf.dtype), 0)
             ends[kind] = start + int(np.prod(leaf.shape))
-            self._places.append((kind, start, ends[kind], leaf.shape))
+            places.append((kind, start, ends[kind], leaf.shape))
+        return places
 
     def pack(self, tree: Any) -> Packed:
         """The vectors of a tree; raises ValueError for a tree of another kind."""
@@ -66,6 +79,23 @@ class Finding:
         return self.packing.unpack({kind: np.asarray(vector) for kind, vector in self.packed.items()})
 
 
+def _begun(senses: AbstractSenses) -> Packed:
+    first = senses.init()
+    return Packing.of(first).pack(first)
+
+
+def _advanced(
+    senses: AbstractSenses, packed: Packed, frame: Float[Array, " n"]
+) -> tuple[Packed, Packed, Packing]:
+    # The program keeps its memory in the types of the first one.
+    memory = Packing.of(jax.eval_shape(senses.init))
+    ends = 1 + np.cumsum(senses.channels)
+    groups = tuple(frame[end - n : end] for n, end in zip(senses.channels, ends, strict=True))
+    state, sensed = senses.update(memory.unpack(packed), frame[0], groups)
+    findings = Packing.of(sensed)
+    return memory.pack(state), findings.pack(sensed), findings
+
+
 class CompiledSenses:
     """Advances senses frame by frame; compiled once, on a thread of `compiler`.
 
@@ -74,31 +104,16 @@ class CompiledSenses:
 
     def __init__(self, senses: AbstractSenses, compiler: Executor):
         """Begin to compile; the first `update` waits for the end."""
-        first = senses.init()
         self._channels = senses.channels
-        # The program keeps its memory in the types of the first one.
-        memory = Packing(first)
+        self._first: Packed = lowered(_begun, senses).compile()()
         blank = jnp.zeros(1 + sum(self._channels))
         self._float = blank.dtype
-        ends = 1 + np.cumsum(self._channels)
-
-        def advance(state: Any, frame: Float[Array, " n"]) -> tuple[Any, Sensed]:
-            groups = tuple(frame[end - n : end] for n, end in zip(self._channels, ends, strict=True))
-            return senses.update(state, frame[0], groups)
-
-        like = jax.eval_shape(advance, first, blank)[1]
+        step = lowered(_advanced, senses, self._first, blank)
+        like = step.result[2].like
         self.places = jnp.zeros(like.places.shape, like.places.dtype)
         """What `Sensed.places` is like."""
-        findings = Packing(like)
-
-        def step(packed: Packed, frame: Float[Array, " n"]) -> tuple[Packed, Packed]:
-            state, sensed = advance(memory.unpack(packed), frame)
-            return memory.pack(state), findings.pack(sensed)
-
-        self._first, self._findings = memory.pack(first), findings
-        self._step: Future[Callable[[Packed, np.ndarray], tuple[Packed, Packed]]] = compiler.submit(
-            jax.jit(step).lower(self._first, blank).compile
-        )
+        self._step: Future[Callable[[Packed, np.ndarray], tuple[Packed, Packed, Packing]]]
+        self._step = compiler.submit(step.compile)
         self.reset()
 
     def reset(self) -> None:
@@ -116,5 +131,5 @@ class CompiledSenses:
                 + ", ".join(map(str, self._channels))
             )
         frame = np.concatenate([np.array([time_s]), *readings]).astype(self._float, copy=False)
-        self._memory, packed = self._step.result()(self._memory, frame)
-        return Finding(packed, self._findings)
+        self._memory, packed, packing = self._step.result()(self._memory, frame)
+        return Finding(packed, packing)

@@ -1,9 +1,10 @@
 """Frame after frame: sensor readings in, contact location, force and shape out.
 
-The two jitted pieces, sensors and `estimate_step`, are compiled ahead and never again. Between frames this
-file decides whether the factor of the tangent is renewed: when the step found that a refinement shrinks the
-error of its linear solves by less than `refresh_contraction`. While nothing touches, the body rests and the
-factor at rest serves. Only compiling is threaded here; `hardware` does the rest.
+The two jitted pieces, sensors and `estimate_step`, are compiled ahead and never again, at the next start not
+even traced (`kept_programs`). Between frames this file decides whether the factor of the tangent is renewed:
+when the step found that a refinement shrinks the error of its linear solves by less than
+`refresh_contraction`. While nothing touches, the body rests and the factor at rest serves. Only compiling is
+threaded here; `hardware` does the rest.
 """
 
 import time
@@ -14,12 +15,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, PyTree
 
 from softfuse.equilibrium.linearised import loaded_tangents
 from softfuse.equilibrium.solution import State
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device
+from softfuse.estimation.kept_programs import lowered
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation, StepReport, estimate_step
 
@@ -64,6 +66,28 @@ class Estimate:
     latency_s: float
 
 
+def _rest(static: Device, arrays: Device, places: Array) -> State:
+    return eqx.combine(arrays, static).rest_state(places)
+
+
+def _factor(static: Device, arrays: Device, state: State, places: Array) -> PyTree[Array]:
+    device = eqx.combine(arrays, static)
+    return device.linear.factor(loaded_tangents(device.body, device.loads(places), state))
+
+
+def _step(
+    fixed: tuple[Device, int],
+    arrays: Device,
+    limits: Limits,
+    factor: PyTree[Array],
+    state: State,
+    seen: Observation,
+) -> tuple[State, StepReport]:
+    static, refinements = fixed
+    device = eqx.combine(arrays, static)
+    return estimate_step(device, limits, factor, state, seen, refinements=refinements)
+
+
 class Estimator:
     """Follows the state of one device through observations; compiled when made."""
 
@@ -74,36 +98,29 @@ class Estimator:
         number of drives than contacts and attached loads have.
         """
         self.device, self.limits, self.settings = device, limits, settings
-        # One program: as single operations every one would be compiled for itself.
-        self._rest = eqx.filter_jit(Device.rest_state)(device, places)
+        # Each step refines what it solves for, so a rough factor serves.
+        device = eqx.tree_at(lambda d: d.linear, device, device.linear.rough())
+        self._arrays, static = eqx.partition(device, eqx.is_array)
+        self._rest = lowered(_rest, static, self._arrays, places).compile()(self._arrays, places)
         if limits.upper.shape != self._rest.drive.shape:
             raise SolveError(
                 f"{limits.upper.shape[0]} limits for {self._rest.drive.shape[0]} drives: give one for each "
                 "contact, then for each attached load"
             )
-        # Each step refines what it solves for, so a rough factor serves.
-        device = eqx.tree_at(lambda d: d.linear, device, device.linear.rough())
-        arrays, static = eqx.partition(device, eqx.is_array)
-        self._arrays = arrays
-
-        def factor(arrays, state, places):
-            device = eqx.combine(arrays, static)
-            return device.linear.factor(loaded_tangents(device.body, device.loads(places), state))
-
-        def step(arrays, limits, factor, state, seen):
-            device = eqx.combine(arrays, static)
-            return estimate_step(device, limits, factor, state, seen, refinements=settings.refinements)
-
         started = time.perf_counter()
-        lowered = jax.jit(factor).lower(arrays, self._rest, places)
-        k = device.readings
-        seen = Observation(jnp.zeros(k), jnp.zeros(k), places)
+        factor = lowered(_factor, static, self._arrays, self._rest, places)
+
+        def first_factor():
+            compiled = factor.compile()
+            return compiled, compiled(self._arrays, self._rest, places)
+
+        readings = jnp.zeros(device.readings)
+        given = limits, factor.result, self._rest, Observation(readings, readings, places)
         # XLA compiles one program on another thread while the other is traced and compiled on this one.
         with ThreadPoolExecutor(1) as aside:
-            compiled = aside.submit(lowered.compile)
-            self._step = jax.jit(step).lower(arrays, limits, lowered.out_info, self._rest, seen).compile()
-            self._factor = compiled.result()
-        self._rest_factor = self._factor(arrays, self._rest, places)
+            first = aside.submit(first_factor)
+            self._step = lowered(_step, (static, settings.refinements), self._arrays, *given).compile()
+            self._factor, self._rest_factor = first.result()
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(self._rest_factor)):
             raise SolveError(
                 "the body's stiffness at rest is singular: fix more nodes, or mend materials and mesh"

@@ -109,6 +109,12 @@ print(jax.config.jax_enable_x64, jax.config.jax_compilation_cache_dir)
 """
 
 
+def test_commands_factorise_on_one_thread_unless_told_otherwise() -> None:
+    show = "import os, softfuse.cli; print(os.environ['OPENBLAS_NUM_THREADS'])"
+    assert run_python(show, OPENBLAS_NUM_THREADS="3") == "3"
+    assert run_python(f"import os; os.environ.pop('OPENBLAS_NUM_THREADS', None); {show}") == "1"
+
+
 def test_commands_compute_in_double_precision_and_keep_programs(tmp_path: Path) -> None:
     kept = run_python(SHOW, XDG_CACHE_HOME=str(tmp_path), HOME=str(tmp_path), LOCALAPPDATA=str(tmp_path))
     precise, folder = kept.split(maxsplit=1)

@@ -1,6 +1,7 @@
 """Strings with units to SI."""
 
 import math
+from decimal import Decimal
 
 import pytest
 from hypothesis import given
@@ -8,6 +9,8 @@ from hypothesis import strategies as st
 from pydantic_core import PydanticCustomError
 
 from softfuse.config.quantity import (
+    _COMMON,
+    _DIMENSIONS,
     ACCELERATION,
     DENSITY,
     FLOW_SENSITIVITY,
@@ -20,8 +23,19 @@ from softfuse.config.quantity import (
     VOLTAGE_WALK,
     VOLUME,
     Dimension,
+    _registry,
     length_unit,
 )
+
+
+@pytest.mark.parametrize(
+    ("unit", "target", "factor"),
+    [(*units, Decimal(factor)) for units, factor in _COMMON.items()]
+    + [(dimension.unit, dimension.unit, Decimal(1)) for dimension in _DIMENSIONS],
+)
+def test_what_is_known_without_pint_is_what_pint_says(unit, target, factor):
+    registry = _registry()
+    assert registry.Quantity(Decimal(1), registry.parse_units(unit)).to(target).magnitude == factor
 
 
 @pytest.mark.parametrize(

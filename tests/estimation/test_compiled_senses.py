@@ -44,7 +44,7 @@ def test_a_tree_comes_out_of_its_vectors_as_it_went_in():
         "b": jnp.array([True, False]),
         "c": (jnp.array(3), jnp.zeros(0)),
     }
-    packing = Packing(tree)
+    packing = Packing.of(tree)
     packed = packing.pack(tree)
     assert sorted(vector.shape for vector in packed.values()) == [(1,), (2,), (6,)]
     again = packing.unpack({kind: np.asarray(vector) for kind, vector in packed.items()})
@@ -52,7 +52,7 @@ def test_a_tree_comes_out_of_its_vectors_as_it_went_in():
 
 
 def test_another_tree_is_refused():
-    packing = Packing((jnp.zeros(3), jnp.zeros(2, bool)))
+    packing = Packing.of((jnp.zeros(3), jnp.zeros(2, bool)))
     with pytest.raises(ValueError, match="bool"):
         packing.pack((jnp.zeros(3), jnp.zeros(2)))
 
@@ -87,6 +87,25 @@ def test_the_same_frames_give_the_same_bits_and_nothing_is_compiled(compiled, fr
     for first, second in zip(*runs, strict=True):
         for kind, vector in first.packed.items():
             assert np.array_equal(np.asarray(vector), np.asarray(second.packed[kind]), equal_nan=True)
+
+
+def test_kept_senses_say_the_same_and_are_not_traced(senses, compiled, frames, tmp_path, monkeypatch):
+    before = jax.config.values["jax_compilation_cache_dir"]
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    try:
+        with ThreadPoolExecutor(1) as compiler:
+            CompiledSenses(senses, compiler)
+            monkeypatch.setattr(type(senses), "update", None)
+            monkeypatch.setattr(type(senses), "init", None)
+            kept = CompiledSenses(senses, compiler)
+    finally:
+        jax.config.update("jax_compilation_cache_dir", before)
+    compiled.reset()
+    for time_s, readings in frames:
+        found, expected = (each.update(time_s, readings).sensed for each in (kept, compiled))
+        assert jax.tree.structure(found) == jax.tree.structure(expected)
+        for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+            assert np.array_equal(a, b, equal_nan=True)
 
 
 def test_another_number_of_readings_is_refused(compiled):

@@ -1,0 +1,163 @@
+"""Programs that are kept, so that the next start neither traces nor lowers them.
+
+Beside JAX's cache of what XLA made of a program lies the program itself as `jax.export` writes it, StableHLO,
+in a file named by the hash of all that it was traced from: softfuse's source, the libraries' versions, JAX's
+settings, the outline of what it is given, and the values that become constants of it. A file whose content is
+not what its own hash says, or is not that of its name, is written anew. Where there is no cache folder, or a
+program cannot be exported (it calls libraries that a new process would not have loaded), all is done without.
+"""
+
+import hashlib
+import json
+import logging
+import os
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+from jax import export
+
+from softfuse.estimation.outline import outline, tree_of
+
+log = logging.getLogger(__name__)
+
+_LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "jaxopt", "lineax", "optimistix")
+"""Whose code takes part in tracing."""
+_HASH = hashlib.sha256().digest_size
+
+
+@dataclass(frozen=True, eq=False)
+class Lowered:
+    """A program that is ready to be compiled; `result`: what it returns, with shapes where arrays will be."""
+
+    program: jax.stages.Lowered
+    given: Any
+    result: Any
+
+    def compile(self) -> Callable[..., Any]:
+        """The function of trees of arrays like those that the program was made for."""
+        compiled = self.program.compile()
+        kinds, structure = jax.tree.flatten(self.result)
+
+        def run(*given: Any) -> Any:
+            arrays, found = jax.tree.flatten(given)
+            if found != self.given:
+                raise TypeError(f"a program for {self.given} was given {found}")
+            arrays = iter(compiled(*arrays))
+            return structure.unflatten(
+                [next(arrays) if isinstance(kind, jax.ShapeDtypeStruct) else kind for kind in kinds]
+            )
+
+        return run
+
+
+def lowered(program: Callable[..., Any], fixed: Any, *given: Any) -> Lowered:
+    """`program(fixed, *given)` for trees of arrays, or of their shapes, like `given`; what is not an array in
+    its result stays what it is.
+
+    The arrays of `fixed` become constants. The program is read from the folder of JAX's cache of compiled
+    programs if it is there, else traced, and kept there for the next time.
+    """
+    given = jax.tree.map(_shape, given)
+    shapes, tree = jax.tree.flatten(given)
+    returned = []
+
+    def flat(*arrays: Any) -> list[Any]:
+        result = program(fixed, *tree.unflatten(arrays))
+        returned[:] = [jax.tree.map(lambda x: _shape(x) if eqx.is_array(x) else x, result)]
+        return [leaf for leaf in jax.tree.leaves(result) if eqx.is_array(leaf)]
+
+    flat.__name__ = program.__name__.strip("_")
+    traced, path = jax.jit(flat), _path(program, fixed, given)
+    if path is not None:
+        kept = _read(path)
+        if kept is None:
+            kept = _written(path, traced, shapes, returned)
+        if kept is not None:
+            exported, result = kept
+            return Lowered(jax.jit(exported.call).lower(*shapes), tree, result)
+    direct = traced.lower(*shapes)
+    return Lowered(direct, tree, returned[0])
+
+
+def _shape(array: Any) -> jax.ShapeDtypeStruct:
+    return jax.ShapeDtypeStruct(array.shape, array.dtype, weak_type=getattr(array, "weak_type", False))
+
+
+@cache
+def _source() -> str:
+    """The hash of softfuse's source and of what else takes part in tracing."""
+    root = Path(__file__).parents[1]
+    known = hashlib.sha256(" ".join(version(name) for name in _LIBRARIES).encode())
+    for path in sorted(root.rglob("*.py")):
+        known.update(f"\0{path.relative_to(root)}\0".encode() + path.read_bytes())
+    return known.hexdigest()
+
+
+def _setting(name: str) -> str:
+    """What a setting of JAX is on this thread, here and now."""
+    return repr(getattr(jax.config, name, jax.config.values[name]))
+
+
+def _path(program: Callable, fixed: Any, given: Any) -> Path | None:
+    """Where the program is kept, or would be; None where none can be."""
+    settings = jax.config.values
+    folder = settings["jax_compilation_cache_dir"]
+    if not folder or "://" in folder or not settings["jax_enable_compilation_cache"]:
+        return None
+    try:
+        parts = [
+            _source(),
+            jax.default_backend(),
+            {name: _setting(name) for name in sorted(settings) if "cache" not in name},
+            outline((program, fixed, given)),
+        ]
+    except TypeError as error:
+        log.info("%s is traced at every start: %s", program.__name__, error)
+        return None
+    name = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+    return Path(folder) / "softfuse" / f"{program.__name__.strip('_')}-{name}"
+
+
+def _signature(path: Path, content: bytes) -> bytes:
+    return hashlib.sha256(path.name.encode() + content).digest()
+
+
+def _read(path: Path) -> tuple[export.Exported, Any] | None:
+    """The program kept there and what it returns; None where there is none, or another."""
+    try:
+        data = path.read_bytes()
+    except OSError:
+        return None
+    if data[:_HASH] != _signature(path, data[_HASH:]):
+        log.info("%s is damaged and will be replaced", path)
+        return None
+    told, _, program = data[_HASH:].partition(b"\n")
+    return export.deserialize(bytearray(program)), tree_of(json.loads(told))
+
+
+def _written(
+    path: Path, traced: Any, shapes: list[Any], returned: list
+) -> tuple[export.Exported, Any] | None:
+    """The program as it would be read, kept there if possible; None if it cannot be kept."""
+    try:
+        program = export.export(traced)(*shapes).serialize()
+        content = json.dumps(outline(returned[0])).encode() + b"\n" + bytes(program)
+    except (ValueError, NotImplementedError, TypeError) as error:
+        log.info("%s is traced at every start: %s", path.name.partition("-")[0], error)
+        return None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Whoever reads meanwhile finds the whole file or none.
+        with tempfile.TemporaryDirectory(dir=path.parent) as aside:
+            (Path(aside) / path.name).write_bytes(_signature(path, content) + content)
+            os.replace(Path(aside) / path.name, path)
+    except OSError as error:
+        log.info("%s cannot be kept: %s", path, error)
+    return export.deserialize(program), returned[0]
