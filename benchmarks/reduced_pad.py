@@ -3,9 +3,9 @@
     .venv/bin/python benchmarks/reduced_pad.py [--out FOLDER] [--cases N] [--frames N]
 
 The pad of configs/pad.toml is reduced for contacts in a square of 8 mm, from nine presses up to the largest
-force. Then random presses inside it, of random force, are solved with the full and the reduced body: errors
-are the largest of any node's displacement component and of any cavity's volume, relative to the largest. Last,
-both follow a force that rises and falls, one estimate a frame, in turns in one run. Printed and written to
+force. Then random presses inside it, of random force, are solved with the full and the reduced body:
+errors are the largest of any node's displacement component and of any cavity's volume, relative to the largest.
+Last, both follow a force that rises and falls, one estimate a frame, in turns in one run. Printed and written to
 reduced_pad.json.
 """
 
@@ -68,9 +68,8 @@ def errors(full: Device, small: Device, cases: int, largest: float) -> dict[str,
             each.append(100 * np.max(np.abs(got - wanted)) / np.max(np.abs(wanted)))
         missed.append(each)
     keys = ("displacement_%", "volume_%")
-    return {
-        key: np.percentile(column, [50, 95, 100]).tolist() for key, column in zip(keys, np.transpose(missed))
-    }
+    columns = zip(keys, np.transpose(missed), strict=True)
+    return {key: np.percentile(column, [50, 95, 100]).tolist() for key, column in columns}
 
 
 def step_times(full: Device, small: Device, frames: int, largest: float) -> dict[str, list[float]]:
