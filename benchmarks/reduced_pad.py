@@ -2,11 +2,11 @@
 
     .venv/bin/python benchmarks/reduced_pad.py [--out FOLDER] [--cases N] [--frames N]
 
-The pad of configs/pad.toml is reduced for contacts in a square of 8 mm, from nine presses up to the largest
-force. Then random presses inside it, of random force, are solved with the full and the reduced body:
-errors are the largest of any node's displacement component and of any cavity's volume, relative to the largest.
-Last, both follow a force that rises and falls, one estimate a frame, in turns in one run. Printed and written to
-reduced_pad.json.
+The pad of configs/pad.toml is reduced for contacts in a square of 8 mm, from nine presses up to the
+largest force. Then random presses inside it, of random force, are solved with the full and the reduced
+body: errors are the largest of any node's displacement component and of any cavity's volume, relative to
+the largest. Last, both follow a force that rises and falls, one estimate a frame, in turns in one run.
+Printed and written to reduced_pad.json.
 """
 
 import argparse
