@@ -2,6 +2,7 @@
 finger in coarse variants.
 """
 
+import gc
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -57,6 +58,23 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
             patch.setenv(name, str(folder))
         jax.config.update("jax_compilation_cache_dir", str(folder / "softfuse" / "jax"))
         yield
+
+
+MOST_MAPS = 20_000
+"""Of a process' memory, out of the 65,530 that Linux lets it have."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def forgotten_programs() -> Iterator[None]:
+    """After a file's tests, JAX forgets its compiled programs when these have become many.
+
+    Each keeps its pieces of memory mapped; where no more can be mapped, LLVM aborts the process.
+    """
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and len(maps.read_bytes().splitlines()) > MOST_MAPS:
+        jax.clear_caches()
+        gc.collect()
 
 
 def two_cavity_device(element: Element, solver: type[AbstractLinearSolver], poisson: float) -> Device:
