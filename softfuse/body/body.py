@@ -156,10 +156,26 @@ class Body(AbstractBody):
         """The same body of other materials, one for each region; differentiable in their constants."""
         return eqx.tree_at(lambda b: b.materials, self, tuple(materials))
 
+    def regions(self) -> Iterator[Region]:
+        """The elements of each material."""
+        start = 0
+        for material, count in zip(self.materials, self.counts, strict=True):
+            part = slice(start, start + count)
+            start += count
+            yield Region(
+                self.element,
+                material,
+                self.frames[..., part],
+                self.volumes[:, part],
+                self.displacement_unknowns[..., part],
+                self.pressure_unknowns[:, part],
+                self.pressure_unit,
+            )
+
     def lagrangian(self, z: Float[Array, " n"]) -> Float[Array, ""]:
         """L(z) [J]: strain energy (perturbed by the pressure) minus the work of gravity."""
         padded = _with_held(z)
-        return sum(region.energy(padded) for region in self._regions()) - self.weight @ z
+        return sum(region.energy(padded) for region in self.regions()) - self.weight @ z
 
     def residual(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
         """r(z) = ∂L/∂z (n,): nodal forces [N] that the body exerts against loads, then volume mismatches
@@ -167,14 +183,14 @@ class Body(AbstractBody):
         """
         padded = _with_held(z)
         total = -_with_held(self.weight)
-        for region in self._regions():
+        for region in self.regions():
             total = region.add_forces(total, *region.conjugates(*region.strains(padded)))
         return total[: self.n]
 
     def element_tangents(self, z: Float[Array, " n"]) -> Float[Array, "e d d"]:
         """Second derivatives (e, d, d) of every element's energy in the order of `element_unknowns`."""
         padded = _with_held(z)
-        parts = [region.tangents(padded) for region in self._regions()]
+        parts = [region.tangents(padded) for region in self.regions()]
         return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
 
     def stiffened(
@@ -194,7 +210,7 @@ class Body(AbstractBody):
     def volume_ratios(self, z: Float[Array, " n"]) -> Float[Array, "e q"]:
         """J = det F at every quadrature point; J ≤ 0 means an inverted element."""
         padded = _with_held(z)
-        parts = [determinant(region.deformation(region.strains(padded)[0])).T for region in self._regions()]
+        parts = [determinant(region.deformation(region.strains(padded)[0])).T for region in self.regions()]
         return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
 
     def displacement(self, z: Float[Array, " n"]) -> Float[Array, "k 3"]:
@@ -217,21 +233,6 @@ class Body(AbstractBody):
     def motion(self, dz: Float[Array, "n *c"]) -> Float[Array, "u *c"]:
         """The displacements (u,) or (u, c) [m] among the changes of unknowns."""
         return dz[: self.n_displacements]
-
-    def _regions(self) -> Iterator[Region]:
-        start = 0
-        for material, count in zip(self.materials, self.counts, strict=True):
-            part = slice(start, start + count)
-            start += count
-            yield Region(
-                self.element,
-                material,
-                self.frames[..., part],
-                self.volumes[:, part],
-                self.displacement_unknowns[..., part],
-                self.pressure_unknowns[:, part],
-                self.pressure_unit,
-            )
 
 
 def _weight(body: Body) -> Float[Array, " n"]:

@@ -20,6 +20,7 @@ from softfuse.equilibrium.load import Loads
 from softfuse.errors import SolveError
 from softfuse.reduction.basis import Basis, basis_of, force_span
 from softfuse.reduction.cubature import Cubature
+from softfuse.reduction.mode_points import mode_points
 from softfuse.reduction.projection import project
 from softfuse.reduction.reduced_body import ReducedBody
 from softfuse.reduction.rest_stiffness import RestStiffness, rest_responses, rest_stiffness
@@ -33,13 +34,13 @@ LoadsAt = Callable[[AbstractBody, Array], Loads]
 @dataclass(frozen=True)
 class ChartSettings:
     """How fine a chart is: numbers of `corrections` beyond the attachment modes and of `pressures`, the
-    relative `tolerance` of the cubature, and the `most_elements` it may take.
+    relative `tolerance` of the cubature, and the `most_points` it may take.
     """
 
     corrections: int = 40
     pressures: int = 60
     tolerance: float = 1e-2
-    most_elements: int = 700
+    most_points: int = 700
 
 
 class Chart(NamedTuple):
@@ -95,13 +96,13 @@ def chart(
         pressures=settings.pressures,
     )
     amplitudes = amplitudes_of(found.states, basis, stiffness)
-    cubature = sampled(body, basis, amplitudes, tolerance=settings.tolerance, most=settings.most_elements)
+    points = mode_points(body, *basis)
+    cubature = sampled(points, amplitudes, tolerance=settings.tolerance, most=settings.most_points)
     pushed = np.append(np.any(forces != 0, axis=1), False)[np.asarray(body.displacement_index)].any(axis=1)
     seen = np.union1d(watched, np.flatnonzero(pushed))
     softest = float(np.max(np.einsum("nf,nf->f", forces, answers)))
-    return Chart(
-        project(body, basis, stiffness, cubature, seen, 1 / softest), basis, stiffness, amplitudes, cubature
-    )
+    reduced = project(body, basis, stiffness, points, cubature, seen, 1 / softest)
+    return Chart(reduced, basis, stiffness, amplitudes, cubature)
 
 
 def amplitudes_of(

@@ -1,15 +1,15 @@
-"""A body whose shape is a sum of modes, and whose energy is measured at a few weighted elements.
+"""A body whose shape is a sum of modes, and whose energy is measured at a few weighted points.
 
 Unknowns z = (α, β): amplitudes of displacement modes, u = Σ α_k U_k, and of pressure modes. Its equations are
 those of the full body, projected onto the modes (Galerkin). Their linear part K₀ z is exact; what the energy
-has beyond its quadratic part at rest is summed over the sample, elements e with weights w_e:
+has beyond its quadratic part at rest is summed over the sample, quadrature points q with volumes w_q:
 
-    r(z) = K₀ z + Σ_e w_e Φ_eᵀ (f_e(Φ_e z) − k_e Φ_e z) − g,
+    r(z) = K₀ z + Σ_q w_q B_qᵀ (s(B_q z) − s'(0) B_q z) − g,
 
-with the modes at the element's unknowns Φ_e, its forces f_e, its tangent at rest k_e, and gravity's work g.
-As the modes are the same for loads, functionals and energy, the forces have a potential and W_va keeps its
-symmetry. Source for the sampling: Farhat, Avery, Chapman and Cortial, Int. J. Numer. Meth. Eng. 98(9),
-2014; that it is applied to what is beyond the linear part is ours.
+with the generalised strains B_q of the modes at a point, the stresses s that answer to them, and gravity's
+work g. As the modes are the same for loads, functionals and energy, the forces have a potential and W_va
+keeps its symmetry. Source for the sampling of points: Hernández, Caicedo and Ferrer, Comput. Methods Appl.
+Mech. Eng. 313, 2017; that it is applied to what is beyond the linear part is ours.
 """
 
 import equinox as eqx
@@ -17,16 +17,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from softfuse.body.base import AbstractBody
-from softfuse.body.body import Body
+from softfuse.reduction.mode_points import ModePoints
 
 
 class ReducedBody(AbstractBody):
     """See the module; m of the n unknowns are displacement modes.
 
     `shapes` (k, 3, m) [m]: the displacement modes at all nodes; `seen` (k,): the place of each watched node
-    in `seen_shapes` (w, 3, m) [m], w for nodes that nothing looks at; `sample`: the weighted elements with
-    unknowns of their own (s,), and `sampled` (s, n) their values in every mode; `linear` (n, n): K₀ −
-    Σ w Φ_eᵀ k_e Φ_e; `weight` (n,): g; `rest_volume` [m³]; `stiffness` [N/m]: of the body under a contact, by
+    in `seen_shapes` (w, 3, m) [m], w for nodes that nothing looks at; `sample`: the weighted points, those of
+    each material together; `linear` (n, n): K₀ − Σ w B_qᵀ s'(0) B_q; `weight` (n,): g; `rest_volume` [m³]; `stiffness` [N/m]: of the body under a contact, by
     which energies are told as forces.
     """
 
@@ -36,8 +35,7 @@ class ReducedBody(AbstractBody):
     shapes: Float[Array, "k 3 m"]
     seen: Int[Array, " k"]
     seen_shapes: Float[Array, "w 3 m"]
-    sample: Body
-    sampled: Float[Array, "s n"]
+    sample: tuple[ModePoints, ...]
     linear: Float[Array, "n n"]
     weight: Float[Array, " n"]
     rest_volume: Float[Array, ""]
@@ -61,15 +59,11 @@ class ReducedBody(AbstractBody):
 
     def residual(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
         """r(z) (n,): see the module."""
-        return self.linear @ z + self.sampled.T @ self.sample.residual(self.sampled @ z) - self.weight
+        return self.linear @ z + sum(points.residual(z) for points in self.sample) - self.weight
 
     def element_tangents(self, z: Float[Array, " n"]) -> Float[Array, "1 n n"]:
         """K(z) (1, n, n)."""
-        tangents = self.sample.element_tangents(self.sampled @ z)
-        held = jnp.concatenate([self.sampled, jnp.zeros((1, self.n))])
-        modes = held[self.sample.element_unknowns]
-        stiff = jnp.einsum("eab,ebn->ean", tangents, modes)
-        return (self.linear + modes.reshape(-1, self.n).T @ stiff.reshape(-1, self.n))[None]
+        return (self.linear + sum(points.tangent(z) for points in self.sample))[None]
 
     def stiffened(
         self,
@@ -85,9 +79,9 @@ class ReducedBody(AbstractBody):
         stiff = jnp.einsum("fab,fbm->fam", blocks, modes)
         return tangents.at[0, :m, :m].add(modes.reshape(-1, m).T @ stiff.reshape(-1, m))
 
-    def volume_ratios(self, z: Float[Array, " n"]) -> Float[Array, "e q"]:
-        """J = det F at the sample's quadrature points."""
-        return self.sample.volume_ratios(self.sampled @ z)
+    def volume_ratios(self, z: Float[Array, " n"]) -> Float[Array, "k 1"]:
+        """J = det F at the sample's points."""
+        return jnp.concatenate([points.volume_ratios(z) for points in self.sample])[:, None]
 
     def displacement(self, z: Float[Array, " n"]) -> Float[Array, "k 3"]:
         """Displacements (k, 3) m of all nodes."""

@@ -23,6 +23,7 @@ from softfuse.mesh.tetmesh import tet_mesh
 from softfuse.reduction.basis import Basis
 from softfuse.reduction.chart import Chart, ChartSettings, chart
 from softfuse.reduction.cubature import Cubature
+from softfuse.reduction.mode_points import mode_points
 from softfuse.reduction.projection import project
 from softfuse.reduction.reduced_body import ReducedBody
 from softfuse.reduction.rest_stiffness import rest_stiffness
@@ -92,8 +93,10 @@ def test_with_all_elements_it_is_the_projection_of_the_full_body(heavy: Body) ->
     random = np.random.default_rng(3)
     u, c = heavy.n_displacements, heavy.n - heavy.n_displacements
     basis = Basis(random.normal(size=(u, 9)), random.normal(size=(c, 4 if c else 0)))
-    every = Cubature(np.arange(len(heavy.tets)), np.ones(len(heavy.tets)), 0.0)
-    reduced = project(heavy, basis, rest_stiffness(heavy), every, np.arange(heavy.n_nodes), 1.0)
+    count = heavy.volumes.size
+    every = Cubature(np.arange(count), np.ones(count), 0.0)
+    points = mode_points(heavy, *basis)
+    reduced = project(heavy, basis, rest_stiffness(heavy), points, every, np.arange(heavy.n_nodes), 1.0)
     modes = basis.columns
     z = 1e-5 * random.normal(size=reduced.n)
     expected = modes.T @ np.asarray(jax.jit(Body.residual)(heavy, jnp.asarray(modes @ z)))
@@ -108,7 +111,8 @@ def test_with_all_elements_it_is_the_projection_of_the_full_body(heavy: Body) ->
         reduced.displacement(jnp.asarray(z)), heavy.displacement(jnp.asarray(modes @ z)), atol=1e-15
     )
     ratios = jax.jit(Body.volume_ratios)(heavy, jnp.asarray(modes @ z))
-    np.testing.assert_allclose(reduced.volume_ratios(jnp.asarray(z)), ratios, rtol=1e-12)
+    found = np.sort(np.ravel(reduced.volume_ratios(jnp.asarray(z))))
+    np.testing.assert_allclose(found, np.sort(np.ravel(ratios)), rtol=1e-12)
     assert float(reduced.volume) == pytest.approx(float(heavy.volume))
 
 
@@ -141,9 +145,8 @@ def test_unseen_presses_are_within_a_percent_of_the_full_body(device, trained, p
     assert float(jnp.max(jnp.abs(trained.device.reading(found.state) - volumes))) < 1e-2 * float(
         jnp.max(jnp.abs(volumes))
     )
-    assert trained.device.body.n < 0.03 * device.body.n and len(trained.chart.cubature.parts) < 0.25 * len(
-        device.body.tets
-    )
+    assert trained.device.body.n < 0.03 * device.body.n
+    assert len(trained.chart.cubature.parts) < 0.1 * device.body.volumes.size
 
 
 def test_its_compliance_is_that_of_the_full_body_and_the_slope_of_its_own_readings(device, trained) -> None:
@@ -172,8 +175,10 @@ def test_the_estimator_finds_forces_with_it_unchanged(device, trained) -> None:
 def test_forces_on_nodes_that_nothing_watches_are_not_lost_without_a_word(device, trained) -> None:
     body = device.body
     top = np.unique(np.asarray(device.contact.disc.surface.faces))
-    elements = Cubature(np.arange(20), np.ones(20), 0.0)
-    reduced = project(body, trained.chart.basis, trained.chart.stiffness, elements, top, 1.0)
+    some, basis = Cubature(np.arange(20), np.ones(20), 0.0), trained.chart.basis
+    reduced = project(
+        device.body, basis, trained.chart.stiffness, mode_points(device.body, *basis), some, top, 1.0
+    )
     below = np.setdiff1d(np.arange(body.n_nodes), top)[:2]
     z = jnp.asarray(trained.chart.amplitudes[0])
     moved = np.asarray(reduced.watched(z))
@@ -203,4 +208,4 @@ def test_snapshots_end_where_the_body_cannot_carry_the_load(device) -> None:
 def test_a_state_at_rest_is_refused(device, trained) -> None:
     still = trained.chart.amplitudes * (np.arange(len(trained.chart.amplitudes)) != 4)[:, None]
     with pytest.raises(SolveError, match="training state 4 is the body at rest"):
-        sampled(device.body, trained.chart.basis, still, tolerance=1e-2, most=10)
+        sampled(mode_points(device.body, *trained.chart.basis), still, tolerance=1e-2, most=10)
