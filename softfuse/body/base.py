@@ -84,6 +84,18 @@ class AbstractBody(eqx.Module):
         """
 
     @abstractmethod
+    def spread_apart(
+        self,
+        nodes: Int[Array, "p s"],
+        forces: Float[Array, "p s 3"],
+        column: Int[Array, " p"],
+        columns: int,
+    ) -> Float[Array, "n columns"]:
+        """Generalised forces (n, columns) of forces (p, s, 3) on nodes (p, s), those of each p in a column of
+        its own or shared with others: `spread` of forces of which most would be 0.
+        """
+
+    @abstractmethod
     def forces(self, residual: Float[Array, " n"]) -> Float[Array, " f"]:
         """Forces [N] that generalised forces (n,) amount to, in any order: for norms."""
 
@@ -93,10 +105,14 @@ class AbstractBody(eqx.Module):
         order: for norms.
         """
 
-    def tangent_action(self, z: Float[Array, " n"], directions: Float[Array, "n c"]) -> Float[Array, "n c"]:
-        """K(z) applied to c directions (n, c), without forming K."""
+    def tangent_action(self, z: Float[Array, " n"]) -> Callable[[Float[Array, "n c"]], Float[Array, "n c"]]:
+        """The map of directions (n, c) to K(z) applied to them, without forming K; linearised once."""
         _, action = jax.linearize(self.residual, z)
-        return column_by_column(action, directions)
+        return lambda directions: column_by_column(action, directions)
+
+    def rough(self) -> "AbstractBody":
+        """The same body with faster arithmetic, good enough for estimates; itself where there is none."""
+        return self
 
 
 def column_by_column(

@@ -226,6 +226,13 @@ class Body(AbstractBody):
         index = self.displacement_index[nodes]
         return jnp.zeros((self.n, forces.shape[-1])).at[index].add(forces, mode="drop")
 
+    def spread_apart(
+        self, nodes: Int[Array, "p s"], forces: Float[Array, "p s 3"], column: Int[Array, " p"], columns: int
+    ) -> Float[Array, "n columns"]:
+        """Nodal forces (n, columns) [N]; what is on held ones is dropped."""
+        index = self.displacement_index[nodes]
+        return jnp.zeros((self.n, columns)).at[index, column[:, None, None]].add(forces, mode="drop")
+
     def forces(self, residual: Float[Array, " n"]) -> Float[Array, " u"]:
         """The forces among the generalised ones (u,) [N]."""
         return residual[: self.n_displacements]

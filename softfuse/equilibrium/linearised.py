@@ -29,15 +29,13 @@ def stiffness_map(body: AbstractBody, loads: Loads, state: State) -> Solve:
     linearised once, never formed.
     """
 
-    def balance(z):
-        return body.residual(z) - loads.push(body, z, state.force)
-
-    _, action = jax.linearize(balance, state.z)
+    of_body = body.tangent_action(state.z)
+    _, of_loads = jax.linearize(lambda z: loads.push(body, z, state.force), state.z)
     supported = loads.rows(body, state.z)[:, loads.carrying]
 
     def applied(directions: Float[Array, "n c"]) -> Float[Array, "n c"]:
         springs = supported @ (loads.supports[:, None] * (supported.T @ directions))
-        return column_by_column(action, directions) + springs
+        return of_body(directions) - column_by_column(of_loads, directions) + springs
 
     return applied
 

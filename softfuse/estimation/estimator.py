@@ -9,7 +9,7 @@ threaded here; `hardware` does the rest.
 
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
@@ -99,7 +99,7 @@ class Estimator:
         """
         self.device, self.limits, self.settings = device, limits, settings
         # Each step refines what it solves for, so a rough factor serves.
-        device = eqx.tree_at(lambda d: d.linear, device, device.linear.rough())
+        device = replace(device, body=device.body.rough(), linear=device.linear.rough())
         self._arrays, static = eqx.partition(device, eqx.is_array)
         self._rest = lowered(_rest, static, self._arrays, places).compile()(self._arrays, places)
         if limits.upper.shape != self._rest.drive.shape:

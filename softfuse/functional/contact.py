@@ -156,8 +156,8 @@ class Contact(eqx.Module):
         displacements g (m,) [m].
         """
         nodes, force = self.nodal(body)
-        own = self.cells.cell[:, None] == jnp.arange(self.cells.count)
-        return body.spread(nodes, jnp.einsum("ps,i,pc->psic", force, self.surface.direction, own))
+        pushing = force[:, :, None] * self.surface.direction
+        return body.spread_apart(nodes, pushing, self.cells.cell, self.cells.count)
 
     def frame(self, body: AbstractBody) -> tuple[Float[Array, " 9"], Float[Array, "n 9"]]:
         """Mean position x (3,) [m] of the patch and its mean tangents ∂x/∂s_1, ∂x/∂s_2 (3,) [-] at rest, and

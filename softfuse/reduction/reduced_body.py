@@ -12,6 +12,8 @@ keeps its symmetry. Source for the sampling of points: Hernández, Caicedo and F
 Mech. Eng. 313, 2017; that it is applied to what is beyond the linear part is ours.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
@@ -24,9 +26,9 @@ class ReducedBody(AbstractBody):
     """See the module; m of the n unknowns are displacement modes.
 
     `shapes` (k, 3, m) [m]: the displacement modes at all nodes; `seen` (k,): the place of each watched node
-    in `seen_shapes` (w, 3, m) [m], w for nodes that nothing looks at; `sample`: the weighted points, those of
-    each material together; `linear` (n, n): K₀ − Σ w B_qᵀ s'(0) B_q; `weight` (n,): g; `rest_volume` [m³]; `stiffness` [N/m]: of the body under a contact, by
-    which energies are told as forces.
+    in `seen_shapes` (w, 3, m) [m], w for nodes that nothing looks at; `sample`: the weighted points, those
+    of each material together; `linear` (n, n): K₀ − Σ w B_qᵀ s'(0) B_q; `weight` (n,): g; `rest_volume`
+    [m³]; `stiffness` [N/m]: of the body under a contact, by which energies are told as forces.
     """
 
     rest: Float[Array, "k 3"]
@@ -65,6 +67,17 @@ class ReducedBody(AbstractBody):
         """K(z) (1, n, n)."""
         return (self.linear + sum(points.tangent(z) for points in self.sample))[None]
 
+    def tangent_action(self, z: Float[Array, " n"]) -> Callable[[Float[Array, "n c"]], Float[Array, "n c"]]:
+        """The map of directions (n, c) to K(z) applied to them, all columns at once: what the modes weigh in
+        memory is read once for them.
+        """
+        parts = [points.tangent_action(z) for points in self.sample]
+        return lambda directions: self.linear @ directions + sum(part(directions) for part in parts)
+
+    def rough(self) -> "ReducedBody":
+        """With the sample, what is beyond the linear part, in single precision."""
+        return eqx.tree_at(lambda body: body.sample, self, tuple(points.single() for points in self.sample))
+
     def stiffened(
         self,
         tangents: Float[Array, "1 n n"],
@@ -96,8 +109,20 @@ class ReducedBody(AbstractBody):
         """c generalised forces (n, c) of forces (..., 3, c) [N] on nodes (...); NaN where one is on a node
         that is not watched, so that nothing is lost without a word.
         """
-        w, m, c = self.seen_shapes.shape[0], self.displacement_modes, forces.shape[-1]
-        nodal = jnp.zeros((w + 1, 3, c)).at[self.seen[nodes]].add(forces)
+        w, c = self.seen_shapes.shape[0], forces.shape[-1]
+        return self._pushed(jnp.zeros((w + 1, 3, c)).at[self.seen[nodes]].add(forces))
+
+    def spread_apart(
+        self, nodes: Int[Array, "p s"], forces: Float[Array, "p s 3"], column: Int[Array, " p"], columns: int
+    ) -> Float[Array, "n columns"]:
+        """Generalised forces (n, columns) of forces (p, s, 3) [N] on nodes (p, s), see `spread`."""
+        nodal = jnp.zeros((self.seen_shapes.shape[0] + 1, 3, columns))
+        place = self.seen[nodes][:, :, None], jnp.arange(3), column[:, None, None]
+        return self._pushed(nodal.at[place].add(forces))
+
+    def _pushed(self, nodal: Float[Array, "w_plus_1 3 c"]) -> Float[Array, "n c"]:
+        """Generalised forces of those on watched nodes and, last, on others."""
+        w, m, c = self.seen_shapes.shape[0], self.displacement_modes, nodal.shape[-1]
         lost = jnp.where(jnp.any(nodal[w] != 0, axis=0), jnp.nan, 0.0)
         pushed = self.seen_shapes.reshape(-1, m).T @ nodal[:w].reshape(-1, c)
         return jnp.concatenate([pushed + lost, jnp.zeros((self.n - m, c))])

@@ -1,8 +1,8 @@
 """At which points a reduced body measures its energy: a cubature of what is beyond the linear part.
 
-In a state z a quadrature point does work on the modes beyond what its tangent at rest says. Points and weights
-are chosen such that the sums over the chosen ones are those over all, for all training states and modes, each
-state counted by its size.
+In a state z a quadrature point does work on the modes beyond what its tangent at rest says. Points and
+weights are chosen such that the sums over the chosen ones are those over all, for all training states and
+modes, each state counted by its size.
 """
 
 import equinox as eqx

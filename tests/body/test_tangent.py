@@ -12,7 +12,7 @@ from softfuse.mesh.tetmesh import TetMesh, linear, quadratic
 _lagrangian, _residual, _action = (
     jax.jit(Body.lagrangian),
     jax.jit(Body.residual),
-    jax.jit(Body.tangent_action),
+    jax.jit(lambda body, z, x: body.tangent_action(z)(x)),
 )
 SIZE = 0.02
 
