@@ -150,7 +150,7 @@ def test_a_converged_state_is_in_balance(pressed, force) -> None:
     )
     # The pressures' equations are volume mismatches in units of the shear modulus.
     assert np.abs(_left(body, rows, state)[body.n_displacements :]).max() < 1e-12
-    np.testing.assert_allclose(state.force.sum(), force, rtol=1e-8)  # a disc weighs a nanonewton
+    np.testing.assert_allclose(state.force.sum(), force + 1e-9, rtol=1e-11)  # a disc weighs a nanonewton
     np.testing.assert_array_equal(state.drive, force)
     assert np.min(_volume_ratios(body, state.z)) > 0
     under = np.asarray(rows.T @ state.z)
