@@ -3,10 +3,10 @@
     .venv/bin/python benchmarks/reduced_pad.py [--out FOLDER] [--cases N] [--frames N]
 
 The pad of configs/pad.toml is reduced for contacts in a square of 8 mm, from nine presses up to the
-largest force. Then random presses inside it, of random force, are solved with the full and the reduced
-body: errors are the largest of any node's displacement component and of any cavity's volume, relative to
-the largest. Last, both follow a force that rises and falls, one estimate a frame, in turns in one run.
-Printed and written to reduced_pad.json.
+largest force and from what is near them. Then random presses inside it, of random force, are solved with
+the full and the reduced body: errors are the largest of any node's displacement component and of any cavity's
+volume, relative to the largest. Last, both follow a force that rises and falls, one estimate a frame, in
+turns in one run. Printed and written to reduced_pad.json.
 """
 
 import argparse
@@ -22,11 +22,12 @@ import numpy as np
 from softfuse.body.body import Body
 from softfuse.config import load
 from softfuse.config.build_device import build_device, build_limits
-from softfuse.equilibrium.dense import Dense
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.estimator import Estimator
+from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation
 from softfuse.reduction.chart import Chart, ChartSettings, chart
+from softfuse.reduction.load_paths import pressed_square
 
 CONFIG = Path(__file__).parents[1] / "configs" / "pad.toml"
 MIDDLE_M, HALF_M = np.array([4e-3, 4e-3]), 4e-3
@@ -40,16 +41,14 @@ def grid(each: int) -> list[jax.Array]:
 
 
 def reduced(device: Device, largest: float, settings: ChartSettings) -> Chart:
-    """The chart of the square, from presses at 3 by 3 places up to a force [N]."""
+    """The chart of the square, from presses up to a force [N]."""
     assert isinstance(device.body, Body)
     return chart(
         device.linear,
         device.body,
         lambda body, place: replace(device, body=body).loads(place),
+        pressed_square(np.append(MIDDLE_M, 0.0), np.eye(3)[:2], HALF_M, largest),
         around=grid(9),
-        presses=grid(3),
-        levels=np.linspace(0, largest, 7)[1:, None],
-        watched=np.unique(np.concatenate([np.ravel(cavity.faces) for cavity in device.sensors])),
         settings=settings,
     )
 
@@ -108,7 +107,7 @@ def main() -> None:
     started = time.perf_counter()
     made = reduced(full, largest, ChartSettings())
     built_s = time.perf_counter() - started
-    small = replace(full, body=made.body, linear=Dense.plan(made.body))
+    small = reduced_device(full, made)
     row: dict[str, object] = {
         "full_unknowns": full.body.n,
         "full_points": full.body.volumes.size,

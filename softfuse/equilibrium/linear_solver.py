@@ -11,7 +11,9 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float, PyTree
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
+from softfuse.equilibrium.load import Loads
+from softfuse.equilibrium.solution import State
 
 Solve = Callable[[Float[Array, "n c"]], Float[Array, "n c"]]
 
@@ -21,7 +23,7 @@ class AbstractLinearSolver(eqx.Module):
 
     @classmethod
     @abstractmethod
-    def plan(cls, body: Body) -> "AbstractLinearSolver":
+    def plan(cls, body: AbstractBody) -> "AbstractLinearSolver":
         """Everything about the tangent of this body that does not depend on its values."""
 
     @abstractmethod
@@ -33,6 +35,18 @@ class AbstractLinearSolver(eqx.Module):
     @abstractmethod
     def solve(self, factor: PyTree[Array], rhs: Float[Array, "n c"]) -> Float[Array, "n c"]:
         """Solution (n, c) for right-hand sides (n, c)."""
+
+    @property
+    def renews(self) -> bool:
+        """Whether `renewed` does anything: if so, a live step refines nothing and takes what that returns to
+        the next frame.
+        """
+        return False
+
+    def renewed(self, factor: PyTree[Array], body: AbstractBody, loads: Loads, state: State) -> PyTree[Array]:
+        """A factor of a tangent, brought a little nearer to that of a body and its loads in a state."""
+        del body, loads, state
+        return factor
 
     def rough(self) -> "AbstractLinearSolver":
         """A faster solver of the same plan, whose solutions are only good enough to be refined; itself where

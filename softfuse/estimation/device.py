@@ -18,19 +18,19 @@ from softfuse.equilibrium.linear_solver import AbstractLinearSolver
 from softfuse.equilibrium.load import AbstractContact, AbstractLoad, Loads
 from softfuse.equilibrium.newton import Newton, solve
 from softfuse.equilibrium.solution import Solution, State
-from softfuse.functional.base import Functional
+from softfuse.functional.base import AbstractFunctional
 
 
 class Device(eqx.Module):
     """Body, sensors, what may touch, and loads that are always there, such as cables and sealed cavities.
 
-    Readings are those of the `sensors`, functionals of the positions, then what answers the attached loads'
-    drives numbered in `gauges`: a cable's shortening, the pressure of sealed gas. The place of each contact,
-    a location (3,) m or the number of an electrode as `contact` wants it, is given with each use.
+    Readings are those of the `sensors`, functionals of the configuration, then what answers the attached
+    loads' drives numbered in `gauges`: a cable's shortening, the pressure of sealed gas. The place of each
+    contact, a location (3,) m or the number of an electrode as `contact` wants it, is given with each use.
     """
 
     body: AbstractBody
-    sensors: tuple[Functional, ...]
+    sensors: tuple[AbstractFunctional, ...]
     contact: AbstractContact
     linear: AbstractLinearSolver
     attached: tuple[AbstractLoad, ...] = ()
@@ -53,10 +53,8 @@ class Device(eqx.Module):
     def reading(self, state: State) -> Float[Array, " k"]:
         """What the sensors read in a state, those of positions minus their reading at rest (k,), in SI."""
 
-        def read(positions):
-            return jnp.stack([jnp.zeros(()), *(sensor(positions) for sensor in self.sensors)])[1:]
-
-        moved = read(self.body.rest + self.body.watched(state.z)) - read(self.body.rest)
+        changes = [sensor.change(self.body, state.z) for sensor in self.sensors]
+        moved = jnp.stack([jnp.zeros(()), *changes])[1:]
         return jnp.concatenate([moved, self.answers(state)[np.array(self.gauges, int)]])
 
     def answers(self, state: State) -> Float[Array, " a"]:

@@ -82,10 +82,14 @@ def _step(
     factor: PyTree[Array],
     state: State,
     seen: Observation,
-) -> tuple[State, StepReport]:
+) -> tuple[State, StepReport, PyTree[Array]]:
+    """The step, and the factor for the next one where the solver renews it."""
     static, refinements = fixed
     device = eqx.combine(arrays, static)
-    return estimate_step(device, limits, factor, state, seen, refinements=refinements)
+    if not device.linear.renews:
+        return *estimate_step(device, limits, factor, state, seen, refinements=refinements), None
+    after, report = estimate_step(device, limits, factor, state, seen, refinements=0)
+    return after, report, device.linear.renewed(factor, device.body, device.loads(seen.places), after)
 
 
 class Estimator:
@@ -151,11 +155,12 @@ class Estimator:
             fresh = self._renew
             if fresh:
                 self._tangent = self._factor(self._arrays, state, seen.places)
-            after, report = self._step(self._arrays, limits, self._tangent, state, seen)
+            after, report, rolled = self._step(self._arrays, limits, self._tangent, state, seen)
             if not float(report.contraction) <= self.settings.redo_contraction and not fresh:
                 fresh = True
                 self._tangent = self._factor(self._arrays, state, seen.places)
-                after, report = self._step(self._arrays, limits, self._tangent, state, seen)
+                after, report, rolled = self._step(self._arrays, limits, self._tangent, state, seen)
+            self._tangent = self._tangent if rolled is None else rolled
             # A factor that was just made would not get better by making it again.
             self._renew = float(report.contraction) > self.settings.refresh_contraction and not fresh
             state, renewed = after, renewed or fresh

@@ -6,13 +6,13 @@ quadrature is exact for it. The conjugate force of Φ is the gauge pressure insi
 theorem; Navarro et al. 2020, eq. 8.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from softfuse.body.quadrature import TRIANGLE_6
 from softfuse.body.shape import linear, linear_slopes, quadratic, quadratic_slopes
+from softfuse.functional.base import Functional
 
 
 def cone_volume(x: Float[Array, "s 3"]) -> Float[Array, ""]:
@@ -26,7 +26,7 @@ def cone_volume(x: Float[Array, "s 3"]) -> Float[Array, ""]:
     return jnp.einsum("qi,qi,q->", jnp.asarray(values) @ x, outwards, jnp.asarray(weights)) / 6.0
 
 
-class Cavity(eqx.Module):
+class Cavity(Functional):
     """A closed surface of faces (f, 3) or (f, 6) whose normals point out of the enclosed space."""
 
     faces: Int[Array, "f s"]

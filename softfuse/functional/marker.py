@@ -2,12 +2,13 @@
 point force [N].
 """
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from softfuse.functional.base import Functional
 
-class Marker(eqx.Module):
+
+class Marker(Functional):
     """A point carried by nodes (a,) with shape-function values `shape` (a,), read along the unit vector
     `direction` (3,).
     """

@@ -1,1 +1,1 @@
-"""What a reduced body is made from: many equilibria, their modes, and sparse sums over elements."""
+"""What a reduced body is made from: many equilibria, their modes, and sparse sums over points."""

@@ -1,46 +1,44 @@
 """The reduced body around some places of its loads, from the full body and nothing else.
 
-A chart holds where its loads act: forces for which its basis has no attachment modes push a body that cannot
-answer, and nodes that it does not watch give NaN.
+A chart holds where its loads act: other states than those of its load paths are combinations of its modes
+only as far as they look alike, and nodes that it does not watch give NaN.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from softfuse.body.base import AbstractBody
 from softfuse.body.body import Body
 from softfuse.equilibrium.linear_solver import AbstractLinearSolver
-from softfuse.equilibrium.load import Loads
 from softfuse.errors import SolveError
-from softfuse.reduction.basis import Basis, basis_of, force_span
+from softfuse.reduction.basis import Basis, basis_of
 from softfuse.reduction.cubature import Cubature
+from softfuse.reduction.load_paths import LoadPath
 from softfuse.reduction.mode_points import mode_points
 from softfuse.reduction.projection import project
 from softfuse.reduction.reduced_body import ReducedBody
-from softfuse.reduction.rest_stiffness import RestStiffness, rest_responses, rest_stiffness
+from softfuse.reduction.rest_stiffness import RestStiffness, rest_stiffness
 from softfuse.reduction.sampling import sampled
-from softfuse.reduction.snapshots import snapshots
+from softfuse.reduction.snapshots import LoadsAt, snapshots
 
-LoadsAt = Callable[[AbstractBody, Array], Loads]
-"""The loads on a body at a place."""
+NO_NODES = np.zeros(0, int)
 
 
 @dataclass(frozen=True)
 class ChartSettings:
-    """How fine a chart is: numbers of `corrections` beyond the attachment modes and of `pressures`, the
-    relative `tolerance` of the cubature, and the `most_points` it may take.
+    """How fine a chart is: numbers of modes of `displacements` and `pressures`, the relative `tolerance` of
+    the cubature, and the `most_points` it may take.
     """
 
-    corrections: int = 40
-    pressures: int = 60
-    tolerance: float = 1e-2
-    most_points: int = 700
+    displacements: int = 128
+    pressures: int = 40
+    tolerance: float = 2e-2
+    most_points: int = 400
 
 
 class Chart(NamedTuple):
@@ -59,49 +57,36 @@ def chart(
     linear: AbstractLinearSolver,
     body: Body,
     loads_at: LoadsAt,
+    paths: Sequence[LoadPath],
     *,
     around: Iterable[Array],
-    presses: Sequence[Array],
-    levels: Float[np.ndarray, "l D"],
-    watched: Int[np.ndarray, " w"],
+    watched: Int[np.ndarray, " w"] = NO_NODES,
     settings: ChartSettings = ChartSettings(),
 ) -> Chart:
-    """Reduce a body for loads at all places near those of `around`, close enough to each other that no force
-    is missed between them.
+    """Reduce a body for loads like those of some load paths.
 
-    `presses`: places where equilibria are solved for, at drives (l, D); `watched` (w,): the nodes that
-    functionals look at; those that loads act on are added. Raises SolveError where a press has no
-    equilibrium.
+    `around`: places (c, ...) so close to each other that no node which loads may act on is missed between
+    them; `watched` (w,): further nodes that functionals look at, of cavities none. Raises SolveError where a
+    path has no equilibrium.
     """
-
-    @eqx.filter_jit
-    def rows_at(body, place):
-        return loads_at(body, place).rows(body, jnp.zeros(body.n))
-
-    forces = force_span(np.asarray(rows_at(body, place)) for place in around)
-    answers = rest_responses(linear, body, forces)
-    found = snapshots(linear, body, loads_at, presses, levels)
-    if not found.found.all():
-        place, level = np.argwhere(~found.found)[0]
+    found = snapshots(linear, body, loads_at, paths)
+    if not found.found[:, :, 0].all():
+        path, level = np.argwhere(~found.found[:, :, 0])[0]
         raise SolveError(
-            f"press {place} at {np.ravel(presses[place])} finds no equilibrium at drives {levels[level]}: "
-            "lower the largest force, or refine the mesh there"
+            f"load path {path} at {np.ravel(paths[path].place)} finds no equilibrium at drives "
+            f"{paths[path].levels[level]}: lower the largest force, or refine the mesh there"
         )
     stiffness = rest_stiffness(body)
     basis = basis_of(
-        stiffness,
-        answers,
-        found.states,
-        corrections=settings.corrections,
-        pressures=settings.pressures,
+        stiffness, found.states, displacements=settings.displacements, pressures=settings.pressures
     )
     amplitudes = amplitudes_of(found.states, basis, stiffness)
     points = mode_points(body, *basis)
     cubature = sampled(points, amplitudes, tolerance=settings.tolerance, most=settings.most_points)
-    pushed = np.append(np.any(forces != 0, axis=1), False)[np.asarray(body.displacement_index)].any(axis=1)
+    pushed = np.any([np.asarray(_pushed(loads_at, body, place)) for place in around], axis=0)
     seen = np.union1d(watched, np.flatnonzero(pushed))
-    softest = float(np.max(np.einsum("nf,nf->f", forces, answers)))
-    reduced = project(body, basis, stiffness, points, cubature, seen, 1 / softest)
+    answer = float(_softest(loads_at, linear, body, paths[0].place))
+    reduced = project(body, basis, stiffness, points, cubature, seen, 1 / answer)
     return Chart(reduced, basis, stiffness, amplitudes, cubature)
 
 
@@ -112,3 +97,20 @@ def amplitudes_of(
     u = stiffness.n_displacements
     moves = states[:, :u] @ (stiffness.displacement @ basis.displacement)
     return np.concatenate([moves, states[:, u:] @ (stiffness.pressure @ basis.pressure)], axis=1)
+
+
+@eqx.filter_jit
+def _pushed(loads_at: LoadsAt, body: Body, place: Array) -> Bool[Array, " k"]:
+    """Which nodes (k,) the loads at a place act on."""
+    rows = loads_at(body, place).rows(body, jnp.zeros(body.n))
+    acts = jnp.append(jnp.any(rows != 0, axis=1), False)
+    return jnp.any(acts[jnp.minimum(body.displacement_index, body.n)], axis=1)
+
+
+@eqx.filter_jit
+def _softest(loads_at: LoadsAt, linear: AbstractLinearSolver, body: Body, place: Array) -> Float[Array, ""]:
+    """The largest compliance [m/N] of a body at rest under one force of the loads at a place."""
+    loads = loads_at(body, place)
+    solver, rows = linear.rough(), loads.rows(body, jnp.zeros(body.n))[:, loads.carrying]
+    answers = solver.solve(solver.factor(body.element_tangents(jnp.zeros(body.n))), rows)
+    return jnp.max(jnp.sum(rows * answers, axis=0))

@@ -6,6 +6,7 @@ tangent are sums over points of what the material's density answers there, times
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -57,6 +58,34 @@ class ModePoints(eqx.Module):
         flat = gradients.reshape(-1, gradients.shape[-1])
         return cls(material, flat, pressures, flat.T.copy(), pressures.T.copy(), volumes, element)
 
+    def part(self, number: Int[Array, ""], of: int) -> "ModePoints":
+        """Part `number` of so many equal ones that their count can be divided into."""
+
+        def cut(leaf: Array, axis: int) -> Array:
+            size = leaf.shape[axis] // of
+            return jax.lax.dynamic_slice_in_dim(leaf, number * size, size, axis)
+
+        return replace(
+            self,
+            gradients=cut(self.gradients, 0),
+            pressures=cut(self.pressures, 0),
+            by_gradient=cut(self.by_gradient, 1),
+            by_pressure=cut(self.by_pressure, 1),
+            volumes=cut(self.volumes, 0),
+        )
+
+    def padded(self, divisor: int) -> "ModePoints":
+        """With points that have no volume, so many that `divisor` divides the number of all."""
+        missing = -len(self.volumes) % divisor
+        each = self.gradients.reshape(len(self.volumes), 9, -1)
+        return ModePoints.of(
+            self.material,
+            jnp.pad(each, ((0, missing), (0, 0), (0, 0))),
+            jnp.pad(self.pressures, ((0, missing), (0, 0))),
+            jnp.pad(self.volumes, (0, missing)),
+            self.element,
+        )
+
     def single(self) -> "ModePoints":
         """The same points in single precision; amplitudes and forces stay in double."""
         return jax.tree.map(lambda leaf: leaf.astype(jnp.float32), self)
@@ -82,29 +111,28 @@ class ModePoints(eqx.Module):
         """Derivative (n, n) of the `residual` at amplitudes (n,)."""
         at = self._moduli(z)
         each = self.gradients.reshape(*at.coupling.shape, -1)
-        upper = self.by_gradient @ jnp.einsum("kab,kbm->kam", at.stiffness, each).reshape(
-            self.gradients.shape
-        )
-        side = self.by_gradient @ (at.coupling[:, :, None] * self.pressures[:, None]).reshape(
+        by_gradient = self.gradients.T
+        upper = by_gradient @ jnp.einsum("kab,kbm->kam", at.stiffness, each).reshape(self.gradients.shape)
+        side = by_gradient @ (at.coupling[:, :, None] * self.pressures[:, None]).reshape(
             len(self.gradients), -1
         )
-        lower = self.by_pressure @ (at.softness[:, None] * self.pressures)
+        lower = self.pressures.T @ (at.softness[:, None] * self.pressures)
         return jnp.block([[upper, side], [side.T, lower]]).astype(z.dtype)
 
     def volume_ratios(self, z: Float[Array, " n"]) -> Float[Array, " k"]:
         """J = det F (k,) at amplitudes (n,)."""
         return determinant(_deformation(self._strains(z)[0]))
 
-    def beyond_rest(self, z: Float[Array, " n"]) -> Float[Array, "n k"]:
-        """Every point's own generalised forces (n, k) at amplitudes (n,), without those that its tangent at
-        rest makes.
+    def beyond_rest(self, z: Float[Array, " n"], along: Float[Array, "n c"]) -> Float[Array, "c k"]:
+        """Every point's own work (c, k) on directions (n, c) at amplitudes (n,), without what its tangent at
+        rest makes of it.
         """
         strains = self._strains(z)
         still = jax.tree.map(jnp.zeros_like, strains)
         linear = jax.jvp(self._conjugates, still, strains)[1]
         stress, mismatch = jax.tree.map(jnp.subtract, self._conjugates(*strains), linear)
-        moved = jnp.einsum("mkc,kc->mk", self.by_gradient.reshape(-1, *stress.shape), stress)
-        return jnp.concatenate([moved, self.by_pressure * mismatch])
+        h, pressure = self._strains(along)
+        return jnp.einsum("ka,kac->ck", stress, h) + mismatch * pressure.T
 
     def _strains(self, z: Float[Array, "n *c"]) -> tuple[Float[Array, "k 9 *c"], Float[Array, "k *c"]]:
         """Displacement gradients and pressures of amplitudes, in the points' own precision."""
@@ -147,39 +175,41 @@ def mode_points(
     """All quadrature points of a body, those of each material together in the order (q, e), under
     displacement modes (u, m) and pressure modes (c, b).
     """
-
-    @jax.jit
-    def strained(
-        modes: Float[Array, "s n_plus_1"],
-    ) -> list[tuple[Float[Array, "s k 9"], Float[Array, "s k"]]]:
-        def gradients(region, z):
-            slopes, pressure = region.strains(z)
-            h = whole(region.deformation(slopes)).reshape(9, -1) - jnp.eye(3).reshape(9, 1)
-            return h.T, pressure.ravel()
-
-        return [jax.vmap(lambda z, r=r: gradients(r, z))(modes) for r in body.regions()]
-
-    def parts(columns: Float[np.ndarray, "r s"], first: int) -> list[list[np.ndarray]]:
-        """Of each region, gradients (s, k, 9) and pressures (s, k) of unknowns `first` and after (r, s)."""
-        whole_modes = np.zeros((columns.shape[1], body.n + 1))
-        whole_modes[:, first : first + len(columns)] = columns.T
-        found = [
-            jax.tree.map(np.asarray, strained(jnp.asarray(whole_modes[k : k + _MODES_AT_ONCE])))
-            for k in range(0, max(len(whole_modes), 1), _MODES_AT_ONCE)
-        ]
-        return [[np.concatenate(each) for each in zip(*of, strict=True)] for of in zip(*found, strict=True)]
-
-    moves, presses = parts(displacement, 0), parts(pressure, body.n_displacements)
-    return tuple(
-        ModePoints.of(
-            region.material,
-            jnp.asarray(gradients.transpose(1, 2, 0)),
-            jnp.asarray(pressures.T),
-            region.volumes.ravel(),
-            body.element,
+    (u, m), (c, b) = displacement.shape, pressure.shape
+    # A displacement and a pressure mode are strained together, for neither sees the other.
+    both = np.zeros((-(-max(m, b, 1) // _MODES_AT_ONCE) * _MODES_AT_ONCE, body.n + 1))
+    both[:m, :u], both[:b, u : u + c] = displacement.T, pressure.T
+    strained = [
+        jax.tree.map(np.asarray, _strained(body, jnp.asarray(both[k : k + _MODES_AT_ONCE])))
+        for k in range(0, len(both), _MODES_AT_ONCE)
+    ]
+    found = []
+    for region, of in zip(body.regions(), zip(*strained, strict=True), strict=True):
+        gradients, pressures = (np.concatenate(each) for each in zip(*of, strict=True))
+        found.append(
+            ModePoints.of(
+                region.material,
+                jnp.asarray(gradients[:m].transpose(1, 2, 0)),
+                jnp.asarray(pressures[:b].T),
+                region.volumes.ravel(),
+                body.element,
+            )
         )
-        for region, (gradients, _), (_, pressures) in zip(body.regions(), moves, presses, strict=True)
-    )
+    return tuple(found)
+
+
+@eqx.filter_jit
+def _strained(
+    body: Body, modes: Float[Array, "s n_plus_1"]
+) -> list[tuple[Float[Array, "s k 9"], Float[Array, "s k"]]]:
+    """Of each region, gradients (s, k, 9) and pressures (s, k) of modes, each followed by a 0."""
+
+    def of(region, z):
+        slopes, pressure = region.strains(z)
+        h = whole(region.deformation(slopes)).reshape(9, -1) - jnp.eye(3).reshape(9, 1)
+        return h.T, pressure.ravel()
+
+    return [jax.vmap(lambda z, r=r: of(r, z))(modes) for r in body.regions()]
 
 
 def weighted(

@@ -6,6 +6,7 @@ compressibility C. It is invertible for any modes, for its Schur complement 1 + 
 the material is compressible at all.
 """
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
@@ -34,8 +35,9 @@ def project(
     """
     columns = basis.columns
     n = columns.shape[1]
-    sample = weighted(points, cubature.parts, cubature.weights)
-    counted = sum(np.asarray(each.tangent(jnp.zeros(n))) for each in sample)
+    chosen = weighted(points, cubature.parts, cubature.weights)
+    sample = tuple(each.padded(ReducedBody.parts) for each in chosen)
+    counted = sum(np.asarray(eqx.filter_jit(ModePoints.tangent)(each, jnp.zeros(n))) for each in sample)
     shapes = _of_nodes(body, basis.displacement)
     seen = np.full(body.n_nodes, len(watched))
     seen[watched] = np.arange(len(watched))

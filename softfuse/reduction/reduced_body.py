@@ -13,6 +13,7 @@ Mech. Eng. 313, 2017; that it is applied to what is beyond the linear part is ou
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -27,8 +28,9 @@ class ReducedBody(AbstractBody):
 
     `shapes` (k, 3, m) [m]: the displacement modes at all nodes; `seen` (k,): the place of each watched node
     in `seen_shapes` (w, 3, m) [m], w for nodes that nothing looks at; `sample`: the weighted points, those
-    of each material together; `linear` (n, n): K₀ − Σ w B_qᵀ s'(0) B_q; `weight` (n,): g; `rest_volume`
-    [m³]; `stiffness` [N/m]: of the body under a contact, by which energies are told as forces.
+    of each material together, in numbers that `parts` divides; `linear` (n, n): K₀ − Σ w B_qᵀ s'(0) B_q;
+    `weight` (n,): g; `rest_volume` [m³]; `stiffness` [N/m]: of the body under a contact, by which energies
+    are told as forces.
     """
 
     rest: Float[Array, "k 3"]
@@ -43,6 +45,7 @@ class ReducedBody(AbstractBody):
     rest_volume: Float[Array, ""]
     stiffness: Float[Array, ""]
     n: int = eqx.field(static=True)
+    parts: int = eqx.field(static=True, default=16)
 
     @property
     def displacement_modes(self) -> int:
@@ -67,6 +70,13 @@ class ReducedBody(AbstractBody):
         """K(z) (1, n, n)."""
         return (self.linear + sum(points.tangent(z) for points in self.sample))[None]
 
+    def tangent_part(self, z: Float[Array, " n"], number: Int[Array, ""]) -> Float[Array, "n n"]:
+        """What part `number` of the sample adds to K(z) (n, n); all `parts` and `linear` make K."""
+        return sum(
+            (points.part(number, self.parts).tangent(z) for points in self.sample),
+            jnp.zeros((self.n, self.n)),
+        )
+
     def tangent_action(self, z: Float[Array, " n"]) -> Callable[[Float[Array, "n c"]], Float[Array, "n c"]]:
         """The map of directions (n, c) to K(z) applied to them, all columns at once: what the modes weigh in
         memory is read once for them.
@@ -75,8 +85,9 @@ class ReducedBody(AbstractBody):
         return lambda directions: self.linear @ directions + sum(part(directions) for part in parts)
 
     def rough(self) -> "ReducedBody":
-        """With the sample, what is beyond the linear part, in single precision."""
-        return eqx.tree_at(lambda body: body.sample, self, tuple(points.single() for points in self.sample))
+        """With the sample, what is beyond the linear part, and the whole shape in single precision."""
+        sample = tuple(points.single() for points in self.sample)
+        return replace(self, sample=sample, shapes=self.shapes.astype(jnp.float32))
 
     def stiffened(
         self,
@@ -98,7 +109,8 @@ class ReducedBody(AbstractBody):
 
     def displacement(self, z: Float[Array, " n"]) -> Float[Array, "k 3"]:
         """Displacements (k, 3) m of all nodes."""
-        return self.shapes @ z[: self.displacement_modes]
+        m = self.displacement_modes
+        return (self.shapes.reshape(-1, m) @ z[:m].astype(self.shapes.dtype)).reshape(-1, 3)
 
     def watched(self, z: Float[Array, " n"]) -> Float[Array, "k 3"]:
         """Displacements (k, 3) m of the nodes that loads and functionals look at, NaN of others."""

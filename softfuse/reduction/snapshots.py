@@ -1,67 +1,115 @@
-"""Equilibria to learn modes from: loads at many places, each followed from rest through rising levels."""
+"""States to learn modes from: equilibria along load paths, and one Newton step from each to what is near.
 
-from collections.abc import Callable, Iterable, Iterator
+A step with the factor that the equilibrium was found with costs a tenth of an equilibrium, and what it shows,
+how the body answers when its loads move or grow a little, is what a subspace of equilibria alone lacks.
+"""
+
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, PyTree
 
 from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.linear_solver import AbstractLinearSolver
 from softfuse.equilibrium.load import Loads
 from softfuse.equilibrium.solution import State
-from softfuse.reduction.equilibria import follow, rough_factor
+from softfuse.reduction.equilibria import Found, follow, rough_factor, step_to
+from softfuse.reduction.load_paths import LoadPath
+
+LoadsAt = Callable[[AbstractBody, Array], Loads]
+"""The loads on a body at places (c, ...)."""
 
 
 class Snapshots(NamedTuple):
-    """Unknowns (p, l, n) at p places and l levels of the drives, and which are equilibria (p, l); what is not
-    is the last that was.
+    """Unknowns (p, l, 1 + k, n) at each level of each load path: the equilibrium, then what is near it; and
+    which were found (p, l, 1 + k). What was not is the last that was.
     """
 
-    z: Float[np.ndarray, "p l n"]
-    found: Bool[np.ndarray, "p l"]
+    z: Float[np.ndarray, "p l k_plus_1 n"]
+    found: Bool[np.ndarray, "p l k_plus_1"]
 
     @property
     def states(self) -> Float[np.ndarray, "s n"]:
-        """The equilibria (s, n)."""
+        """All that were found (s, n)."""
         return self.z[self.found]
+
+    @property
+    def equilibria(self) -> Float[np.ndarray, "s n"]:
+        """The equilibria that were found (s, n)."""
+        return self.z[:, :, 0][self.found[:, :, 0]]
 
 
 def snapshots(
+    linear: AbstractLinearSolver, body: AbstractBody, loads_at: LoadsAt, paths: Iterable[LoadPath]
+) -> Snapshots:
+    """The states of a body on load paths with as many levels and as much near them, each followed from rest.
+
+    A path is left where a level has no equilibrium near the one before.
+    """
+    each = [_along(linear, body, loads_at, path) for path in paths]
+    z, found = zip(*each, strict=True)
+    return Snapshots(np.stack(z), np.stack(found))
+
+
+def _along(
+    linear: AbstractLinearSolver, body: AbstractBody, loads_at: LoadsAt, path: LoadPath
+) -> tuple[Float[np.ndarray, "l k_plus_1 n"], Bool[np.ndarray, "l k_plus_1"]]:
+    state, factor = _begin(loads_at, linear, body, path.place)
+    z, found, alive = [], [], True
+    for level, places, drives in zip(path.levels, path.near_places, path.near_drives, strict=True):
+        around, settled = np.tile(np.asarray(state.z), (len(drives), 1)), np.zeros(len(drives), bool)
+        if alive:
+            reached = _go_on(loads_at, linear, body, path.place, jnp.asarray(level, float), state, factor)
+            alive = bool(reached.converged)
+        if alive:
+            state, factor = reached.state, reached.factor
+            if len(drives):
+                near = _near(loads_at, linear, body, places, jnp.asarray(drives, float), state, factor)
+                around, settled = (np.asarray(part) for part in near)
+        z.append(np.concatenate([np.asarray(state.z)[None], around]))
+        found.append(np.append(alive, settled))
+    return np.stack(z), np.stack(found)
+
+
+@eqx.filter_jit
+def _begin(
+    loads_at: LoadsAt, linear: AbstractLinearSolver, body: AbstractBody, place: Array
+) -> tuple[State, PyTree[Array]]:
+    loads = loads_at(body, place)
+    rest = State.rest(body, loads)
+    return rest, rough_factor(linear, body, loads, rest)
+
+
+@eqx.filter_jit
+def _go_on(
+    loads_at: LoadsAt,
     linear: AbstractLinearSolver,
     body: AbstractBody,
-    loads_at: Callable[[AbstractBody, Array], Loads],
-    places: Iterable[Array],
-    levels: Float[np.ndarray, "l D"],
-) -> Snapshots:
-    """Equilibria of a body under `loads_at` (body, place) at each of some places, at drives (l, D) one level
-    after the other, the first searched from rest: see `follow`.
+    place: Array,
+    drive: Float[Array, " D"],
+    state: State,
+    factor: PyTree[Array],
+) -> Found:
+    return follow(linear, body, loads_at(body, place), drive, state, factor)
 
-    A place is left where a level has no equilibrium near the one before.
-    """
 
-    @eqx.filter_jit
-    def begin(linear, body, place):
-        loads = loads_at(body, place)
-        rest = State.rest(body, loads)
-        return rest, rough_factor(linear, body, loads, rest)
+@eqx.filter_jit
+def _near(
+    loads_at: LoadsAt,
+    linear: AbstractLinearSolver,
+    body: AbstractBody,
+    places: Array,
+    drives: Float[Array, "k D"],
+    state: State,
+    factor: PyTree[Array],
+) -> tuple[Float[Array, "k n"], Bool[Array, " k"]]:
+    def stepped(near):
+        place, drive = near
+        after, settled = step_to(linear, body, loads_at(body, place), drive, state, factor)
+        return after.z, settled & (jnp.min(body.volume_ratios(after.z)) > 0)
 
-    @eqx.filter_jit
-    def go_on(linear, body, place, drive, state, factor):
-        return follow(linear, body, loads_at(body, place), drive, state, factor)
-
-    def followed(place: Array) -> Iterator[tuple[np.ndarray, bool]]:
-        state, factor = begin(linear, body, place)
-        alive = True
-        for level in levels:
-            if alive:
-                reached = go_on(linear, body, place, jnp.asarray(level, float), state, factor)
-                alive = bool(reached.converged)
-                if alive:
-                    state, factor = reached.state, reached.factor
-            yield np.asarray(state.z), alive
-
-    z, found = zip(*(each for place in places for each in followed(place)), strict=True)
-    return Snapshots(np.reshape(z, (-1, len(levels), body.n)), np.reshape(found, (-1, len(levels))))
+    return jax.lax.map(stepped, (places, drives))

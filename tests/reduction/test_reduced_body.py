@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, TAYLOR_HOOD, AbstractBody, Body, mesh_for
-from softfuse.equilibrium.dense import Dense
 from softfuse.equilibrium.load import Loads
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device, compliance, simulate
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.limits import Limits
+from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation
 from softfuse.material import MooneyRivlin, NeoHookean
 from softfuse.mesh.pad import PadGeometry, pad_mesh
@@ -23,6 +23,7 @@ from softfuse.mesh.tetmesh import tet_mesh
 from softfuse.reduction.basis import Basis
 from softfuse.reduction.chart import Chart, ChartSettings, chart
 from softfuse.reduction.cubature import Cubature
+from softfuse.reduction.load_paths import LoadPath, pressed_square
 from softfuse.reduction.mode_points import mode_points
 from softfuse.reduction.projection import project
 from softfuse.reduction.reduced_body import ReducedBody
@@ -31,9 +32,8 @@ from softfuse.reduction.sampling import sampled
 from softfuse.reduction.snapshots import snapshots
 
 MM = 1e-3
-CELL = [
-    np.array([x, y, 0.0]) for x in np.linspace(-16 * MM, -8 * MM, 5) for y in np.linspace(-2 * MM, 6 * MM, 5)
-]
+MIDDLE = np.array([-12 * MM, 2 * MM, 0.0])
+CELL = [(x, y) for x in np.linspace(-16 * MM, -8 * MM, 5) for y in np.linspace(-2 * MM, 6 * MM, 5)]
 """Places of the contact."""
 UNSEEN = [((-12.3 * MM, 3.1 * MM), 6.0), ((-9.3 * MM, 0.4 * MM), 7.5), ((-14.9 * MM, 5.2 * MM), 2.2)]
 """Places and forces [N] that nothing was trained on."""
@@ -58,21 +58,19 @@ class Trained(NamedTuple):
 
 @pytest.fixture(scope="module")
 def trained(device: Device) -> Trained:
-    """The small device around one place, from eighteen of its equilibria."""
+    """The small device around one place, from four load paths."""
     body = device.body
     assert isinstance(body, Body)
-    presses = [jnp.asarray(place)[None] for place in CELL]
     reduced = chart(
         device.linear,
         body,
         device_loads(device),
-        around=presses,
-        presses=presses[::3],
-        levels=np.array([[4.0], [8.0]]),
+        pressed_square(MIDDLE, np.eye(3)[:2], 4 * MM, 8.0, side=2, levels=3, near=6),
+        around=[at(*place) for place in CELL],
         watched=np.arange(body.n_nodes),
-        settings=ChartSettings(corrections=10, pressures=18),
+        settings=ChartSettings(displacements=45, pressures=18),
     )
-    return Trained(replace(device, body=reduced.body, linear=Dense.plan(reduced.body)), reduced)
+    return Trained(reduced_device(device, reduced), reduced)
 
 
 @pytest.fixture(scope="module", params=[TAYLOR_HOOD, LINEAR], ids=lambda element: element.name)
@@ -112,6 +110,7 @@ def test_with_all_elements_it_is_the_projection_of_the_full_body(heavy: Body) ->
     )
     ratios = jax.jit(Body.volume_ratios)(heavy, jnp.asarray(modes @ z))
     found = np.sort(np.ravel(reduced.volume_ratios(jnp.asarray(z))))
+    found = found[found != 1.0]  # of the points that fill the parts
     np.testing.assert_allclose(found, np.sort(np.ravel(ratios)), rtol=1e-12)
     assert float(reduced.volume) == pytest.approx(float(heavy.volume))
 
@@ -123,6 +122,58 @@ def test_its_tangent_is_the_slope_of_its_residual(trained: Trained) -> None:
     tangent = jax.jit(ReducedBody.element_tangents)(body, z)[0]
     np.testing.assert_allclose(tangent, slope, atol=1e-9 * float(jnp.abs(slope).max()))
     np.testing.assert_allclose(slope, slope.T, atol=1e-9 * float(jnp.abs(slope).max()))
+
+
+def test_parts_of_its_tangent_make_the_whole(trained: Trained) -> None:
+    body, z = trained.device.body, jnp.asarray(trained.chart.amplitudes[5])
+    assert isinstance(body, ReducedBody)
+    part = jax.jit(ReducedBody.tangent_part)
+    total = body.linear + sum(part(body, z, jnp.array(k)) for k in range(body.parts))
+    whole = jax.jit(ReducedBody.element_tangents)(body, z)[0]
+    np.testing.assert_allclose(total, whole, atol=1e-12 * float(jnp.abs(whole).max()))
+    directions = jnp.asarray(np.random.default_rng(1).normal(size=(body.n, 3)))
+    acted = jax.jit(lambda b, z, x: b.tangent_action(z)(x))(body, z, directions)
+    np.testing.assert_allclose(acted, whole @ directions, atol=1e-9 * float(jnp.abs(acted).max()))
+
+
+def test_single_precision_moves_forces_by_a_millionth(trained: Trained) -> None:
+    body, z = trained.device.body, jnp.asarray(trained.chart.amplitudes[5])
+    for of in (ReducedBody.residual, ReducedBody.displacement):
+        exact, rough = (np.asarray(jax.jit(of)(each, z)) for each in (body, body.rough()))
+        np.testing.assert_allclose(rough, exact, atol=3e-6 * np.abs(exact).max())
+
+
+def test_the_rolling_inverse_comes_to_that_of_the_state(device, trained) -> None:
+    place, drive = at(*UNSEEN[0][0]), jnp.array([UNSEEN[0][1]])
+    small, body = trained.device, trained.device.body
+    state, loads = simulate(small, place, drive).state, small.loads(place)
+    rolling = small.linear.rough()
+    renew = jax.jit(lambda f: rolling.renewed(f, body, loads, state))
+    factor = jax.jit(rolling.factor)(body.element_tangents(jnp.zeros(body.n)))
+    tangent = np.asarray(body.element_tangents(state.z)[0])
+
+    def missed(factor):
+        return np.abs(np.asarray(factor.inverse) @ tangent - np.eye(body.n)).max()
+
+    before = missed(factor)
+    for k in range(body.parts):
+        assert missed(factor) == before, k
+        factor = renew(factor)
+    assert before > 1e-2 and missed(factor) < 1e-4
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_projected_volume_is_that_of_the_cavity(device, trained, number) -> None:
+    body, cavity, projected = trained.chart.body, device.sensors[number], trained.device.sensors[number]
+    change = jax.jit(lambda sensor, z: sensor.change(body, z))
+    slope = jax.jit(jax.grad(lambda z, sensor: sensor.change(body, z)))
+    for z in jnp.asarray(trained.chart.amplitudes[::5]):
+        exact = change(cavity, z)
+        np.testing.assert_allclose(change(projected, z), exact, rtol=1e-3, atol=1e-3 * abs(float(exact)))
+        # Along what states differ by: directions of the walls that none of them uses are left out.
+        along = trained.chart.amplitudes - np.asarray(z)
+        exact, found = (along @ np.asarray(slope(z, sensor)) for sensor in (cavity, projected))
+        np.testing.assert_allclose(found, exact, atol=1e-3 * np.abs(exact).max())
 
 
 def test_modes_are_orthonormal_in_stiffness_and_compressibility(trained: Trained) -> None:
@@ -197,12 +248,29 @@ def test_spreading_forces_is_the_transpose_of_watching(trained: Trained) -> None
     np.testing.assert_allclose(body.spread(nodes, forces)[:, 0] @ z, work, rtol=1e-9)
 
 
+def test_spreading_apart_is_spreading_column_by_column(device, trained) -> None:
+    random = np.random.default_rng(4)
+    nodes = jnp.asarray(random.integers(0, device.body.n_nodes, (7, 4)))
+    forces, column = jnp.asarray(random.normal(size=(7, 4, 3))), jnp.array([0, 2, 1, 2, 0, 1, 2])
+    for body in (device.body, trained.device.body):
+        apart = body.spread_apart(nodes, forces, column, 3)
+        for k in range(3):
+            own = body.spread(nodes[column == k], forces[column == k][..., None])[:, 0]
+            np.testing.assert_allclose(apart[:, k], own, atol=1e-12 * float(jnp.abs(own).max()))
+
+
 def test_snapshots_end_where_the_body_cannot_carry_the_load(device) -> None:
-    levels = np.array([[3.0], [4000.0], [5.0]])
-    found = snapshots(device.linear, device.body, device_loads(device), [at(-12 * MM, 3 * MM)], levels)
-    assert found.found.tolist() == [[True, False, False]]
-    exact = simulate(device, at(-12 * MM, 3 * MM), jnp.array([3.0])).state.z
-    np.testing.assert_allclose(device.body.motion(found.states[0]), device.body.motion(exact), atol=1e-9)
+    levels, place = np.array([[3.0], [4000.0], [5.0]]), at(-12 * MM, 3 * MM)
+    path = LoadPath(place, levels, jnp.tile(place, (3, 1, 1, 1)), np.array([[[3.02]], [[4.0]], [[5.0]]]))
+    found = snapshots(device.linear, device.body, device_loads(device), [path])
+    assert found.found.tolist() == [[[True, True], [False, False], [False, False]]]
+    assert len(found.equilibria) == 1
+    at_level, near = (simulate(device, place, jnp.array([force])).state.z for force in (3.0, 3.02))
+    moved = device.body.motion
+    np.testing.assert_allclose(moved(found.states[0]), moved(at_level), atol=1e-9)
+    # One step with a factor that is a little older.
+    apart = float(jnp.max(jnp.abs(moved(near - at_level))))
+    np.testing.assert_allclose(moved(found.states[1]), moved(near), atol=0.15 * apart)
 
 
 def test_a_state_at_rest_is_refused(device, trained) -> None:
