@@ -27,17 +27,11 @@ from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation
 from softfuse.reduction.chart import Chart, ChartSettings, chart
-from softfuse.reduction.load_paths import pressed_square
+from softfuse.reduction.load_paths import Square, pressed_square
 
 CONFIG = Path(__file__).parents[1] / "configs" / "pad.toml"
-MIDDLE_M, HALF_M = np.array([4e-3, 4e-3]), 4e-3
-"""Of the square that the places are in."""
-
-
-def grid(each: int) -> list[jax.Array]:
-    """So many places each way."""
-    steps = np.linspace(-HALF_M, HALF_M, each)
-    return [jnp.array([[MIDDLE_M[0] + x, MIDDLE_M[1] + y, 0.0]]) for x in steps for y in steps]
+SQUARE = Square(np.array([4e-3, 4e-3, 0.0]), np.eye(3)[:2], 4e-3)
+"""Where the places are."""
 
 
 def reduced(device: Device, largest: float, settings: ChartSettings) -> Chart:
@@ -47,8 +41,8 @@ def reduced(device: Device, largest: float, settings: ChartSettings) -> Chart:
         device.linear,
         device.body,
         lambda body, place: replace(device, body=body).loads(place),
-        pressed_square(np.append(MIDDLE_M, 0.0), np.eye(3)[:2], HALF_M, largest),
-        around=grid(9),
+        pressed_square(SQUARE, largest),
+        around=[jnp.asarray(place)[None] for place in SQUARE.grid(11)],
         settings=settings,
     )
 
@@ -58,7 +52,7 @@ def errors(full: Device, small: Device, cases: int, largest: float) -> dict[str,
     random = np.random.default_rng(7)
     missed = []
     for _ in range(cases):
-        place = jnp.array([[*(MIDDLE_M + HALF_M * random.uniform(-1, 1, 2)), 0.0]])
+        place = jnp.asarray(SQUARE.at(random.uniform(-1, 1, 2)))[None]
         drive = jnp.array([random.uniform(0.02 * largest, largest)])
         exact, found = (simulate(device, place, drive).state for device in (full, small))
         each = []
@@ -73,7 +67,7 @@ def errors(full: Device, small: Device, cases: int, largest: float) -> dict[str,
 
 def step_times(full: Device, small: Device, frames: int, largest: float) -> dict[str, list[float]]:
     """Latencies [ms] of a frame, 50 and 99 %, and by how much their forces differ at most [N]."""
-    limits, place = build_limits(load(CONFIG), 1), grid(2)[1]
+    limits, place = build_limits(load(CONFIG), 1), jnp.asarray(SQUARE.grid(2)[1])[None]
     at = simulate(full, place, jnp.array([0.4 * largest])).state
     reading = np.asarray(full.reading(at))
     both = {"full": Estimator(full, limits, place), "reduced": Estimator(small, limits, place)}

@@ -84,15 +84,16 @@ class AbstractBody(eqx.Module):
         """
 
     @abstractmethod
-    def spread_apart(
+    def spread_along(
         self,
+        direction: Float[Array, "3"],
         nodes: Int[Array, "p s"],
-        forces: Float[Array, "p s 3"],
+        forces: Float[Array, "p s"],
         column: Int[Array, " p"],
         columns: int,
     ) -> Float[Array, "n columns"]:
-        """Generalised forces (n, columns) of forces (p, s, 3) on nodes (p, s), those of each p in a column of
-        its own or shared with others: `spread` of forces of which most would be 0.
+        """Generalised forces (n, columns) of forces (p, s) in one direction (3,) on nodes (p, s), those of
+        each p in a column of its own or shared with others: `spread` of forces of which most would be 0.
         """
 
     @abstractmethod

@@ -226,12 +226,17 @@ class Body(AbstractBody):
         index = self.displacement_index[nodes]
         return jnp.zeros((self.n, forces.shape[-1])).at[index].add(forces, mode="drop")
 
-    def spread_apart(
-        self, nodes: Int[Array, "p s"], forces: Float[Array, "p s 3"], column: Int[Array, " p"], columns: int
+    def spread_along(
+        self,
+        direction: Float[Array, "3"],
+        nodes: Int[Array, "p s"],
+        forces: Float[Array, "p s"],
+        column: Int[Array, " p"],
+        columns: int,
     ) -> Float[Array, "n columns"]:
         """Nodal forces (n, columns) [N]; what is on held ones is dropped."""
-        index = self.displacement_index[nodes]
-        return jnp.zeros((self.n, columns)).at[index, column[:, None, None]].add(forces, mode="drop")
+        index, each = self.displacement_index[nodes], forces[:, :, None] * direction
+        return jnp.zeros((self.n, columns)).at[index, column[:, None, None]].add(each, mode="drop")
 
     def forces(self, residual: Float[Array, " n"]) -> Float[Array, " u"]:
         """The forces among the generalised ones (u,) [N]."""

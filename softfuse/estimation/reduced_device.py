@@ -13,8 +13,9 @@ def reduced_device(device: Device, chart: Chart) -> Device:
     """The device with the body of a chart that was made from its own; cavities become polynomials, other
     functionals stay, so that the chart must watch their nodes.
     """
+    body = chart.body
     sensors = tuple(
-        projected_volume(sensor, chart.body, chart.amplitudes) if isinstance(sensor, Cavity) else sensor
+        projected_volume(sensor, body, chart.amplitudes) if isinstance(sensor, Cavity) else sensor
         for sensor in device.sensors
     )
-    return replace(device, body=chart.body, linear=ReducedDense.plan(chart.body), sensors=sensors)
+    return replace(device, body=body, linear=ReducedDense.plan(body), sensors=sensors)

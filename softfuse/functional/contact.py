@@ -156,8 +156,7 @@ class Contact(eqx.Module):
         displacements g (m,) [m].
         """
         nodes, force = self.nodal(body)
-        pushing = force[:, :, None] * self.surface.direction
-        return body.spread_apart(nodes, pushing, self.cells.cell, self.cells.count)
+        return body.spread_along(self.surface.direction, nodes, force, self.cells.cell, self.cells.count)
 
     def frame(self, body: AbstractBody) -> tuple[Float[Array, " 9"], Float[Array, "n 9"]]:
         """Mean position x (3,) [m] of the patch and its mean tangents ∂x/∂s_1, ∂x/∂s_2 (3,) [-] at rest, and

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 from scipy.stats import qmc
 
 _BEYOND = 1.15
-"""Half a place's own square is enlarged by so much for what is near, so that squares overlap."""
+"""The square of each place is enlarged by so much for what is near, so that squares overlap."""
 
 
 class LoadPath(NamedTuple):
@@ -21,43 +21,52 @@ class LoadPath(NamedTuple):
     near_places: Array
     near_drives: Float[np.ndarray, "l k D"]
 
-    @classmethod
-    def alone(cls, place: Array, levels: Float[np.ndarray, "l D"]) -> "LoadPath":
-        """With nothing near."""
-        empty = jnp.zeros((len(levels), 0, *place.shape), place.dtype)
-        return cls(place, levels, empty, np.zeros((len(levels), 0, levels.shape[1])))
+
+class Square(NamedTuple):
+    """Where the middle of one disc may be: half an edge `half` [m] to each side of the `centre` (3,) m, along
+    unit vectors `across` (2, 3).
+    """
+
+    centre: Float[np.ndarray, "3"]
+    across: Float[np.ndarray, "2 3"]
+    half: float
+
+    def at(self, coordinates: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 3"]:
+        """Places (..., 3) m of coordinates (..., 2), ±1 at the edges."""
+        return self.centre + self.half * coordinates @ self.across
+
+    def grid(self, side: int) -> Float[np.ndarray, "s 3"]:
+        """`side` x `side` places (s, 3) m evenly from edge to edge."""
+        return self.at(_pairs(np.linspace(-1, 1, side)))
 
 
 def pressed_square(
-    centre: Float[np.ndarray, "3"],
-    across: Float[np.ndarray, "2 3"],
-    half: float,
-    largest: float,
-    *,
-    side: int = 3,
-    levels: int = 4,
-    near: int = 10,
-    seed: int = 0,
+    square: Square, largest: float, *, side: int = 3, levels: int = 4, near: int = 10, seed: int = 0
 ) -> list[LoadPath]:
-    """Presses of one disc in the square of half an edge `half` [m] around `centre` (3,) m, along unit vectors
-    (2, 3), with forces up to `largest` [N].
+    """Presses of one disc in a square, with forces up to `largest` [N].
 
-    Up to so many `levels` at the middles of `side` x `side` squares; at each level so many presses `near`,
-    spread evenly (Sobol, so the same for the same `seed`) over the place's own square and half a level.
+    Up to so many `levels` at the middles of `side` x `side` smaller squares; at each level so many presses
+    `near`, spread evenly (Sobol's sequence, the same for the same `seed`) over the place's own square and
+    half a level.
     """
-    steps = (2 * np.arange(side) + 1) / side - 1
     heights = largest * np.arange(1, levels + 1) / levels
     paths = []
-    for number, (a, b) in enumerate(np.stack(np.meshgrid(steps, steps, indexing="ij"), -1).reshape(-1, 2)):
-        middle = centre + half * np.array([a, b]) @ across
+    for number, middle in enumerate(_pairs((2 * np.arange(side) + 1) / side - 1)):
         # A power of two keeps the sequence balanced, whatever is taken of it.
-        spread = 2 * qmc.Sobol(3, rng=seed + number).random_base2(int(np.ceil(np.log2(levels * near + 1))))
-        spread = (spread[: levels * near] - 1).reshape(levels, near, 3)
-        beside = middle + _BEYOND * half / side * (spread[..., :2] @ across)
-        force = heights[:, None] * np.ones(near) + 0.5 * heights[0] * spread[..., 2]
-        paths.append(
-            LoadPath(
-                jnp.asarray(middle)[None], heights[:, None], jnp.asarray(beside)[:, :, None], force[..., None]
-            )
+        power = int(np.ceil(np.log2(levels * near + 1)))
+        spread = 2 * qmc.Sobol(3, rng=seed + number).random_base2(power)[: levels * near] - 1
+        spread = spread.reshape(levels, near, 3)
+        beside = square.at(middle + _BEYOND / side * spread[..., :2])
+        force = heights[:, None] + 0.5 * heights[0] * spread[..., 2]
+        path = LoadPath(
+            jnp.asarray(square.at(middle))[None],
+            heights[:, None],
+            jnp.asarray(beside)[:, :, None],
+            force[..., None],
         )
+        paths.append(path)
     return paths
+
+
+def _pairs(steps: Float[np.ndarray, " k"]) -> Float[np.ndarray, "kk 2"]:
+    return np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -6,7 +6,6 @@ tangent are sums over points of what the material's density answers there, times
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -18,23 +17,27 @@ from jaxtyping import Array, Float, Int
 from softfuse.body.body import Body
 from softfuse.body.element import Element
 from softfuse.material.base import AbstractMaterial
-from softfuse.material.components import Tensor, components, determinant, whole
+from softfuse.material.components import Tensor, determinant, whole
 
 _MODES_AT_ONCE = 16
+
+
+_Components = tuple[Float[Array, " k"], ...]
+"""The nine components of a tensor at the points, row by row."""
 
 
 class _Moduli(NamedTuple):
     """Second derivatives of the points' energies in their strains."""
 
-    stiffness: Float[Array, "k 9 9"]
-    coupling: Float[Array, "k 9"]
+    stiffness: Float[Array, "9 9 k"]
+    coupling: Float[Array, "9 k"]
     softness: Float[Array, " k"]
 
 
 class ModePoints(eqx.Module):
     """Points of one material with their `volumes` (k,) [m³]: `gradients` (9 k, m) [1/m] of m displacement
-    modes, `pressures` (k, b) [Pa] of b pressure modes; and both transposed, because XLA multiplies a vector
-    by the rows of a matrix ten times as fast as by its columns.
+    modes, component by component; `pressures` (k, b) [Pa] of b pressure modes; and both transposed, because
+    XLA multiplies a vector by the rows of a matrix ten times as fast as by its columns.
     """
 
     material: AbstractMaterial
@@ -49,38 +52,41 @@ class ModePoints(eqx.Module):
     def of(
         cls,
         material: AbstractMaterial,
-        gradients: Float[Array, "k 9 m"],
+        gradients: Float[Array, "9 k m"],
         pressures: Float[Array, "k b"],
         volumes: Float[Array, " k"],
         element: Element,
     ) -> "ModePoints":
-        """Points of gradients (k, 9, m) and pressures (k, b) of the modes."""
+        """Points of gradients (9, k, m) and pressures (k, b) of the modes."""
         flat = gradients.reshape(-1, gradients.shape[-1])
         return cls(material, flat, pressures, flat.T.copy(), pressures.T.copy(), volumes, element)
 
+    @property
+    def each_gradient(self) -> Float[Array, "9 k m"]:
+        """The modes' gradients, by component and point."""
+        return self.gradients.reshape(9, len(self.volumes), -1)
+
     def part(self, number: Int[Array, ""], of: int) -> "ModePoints":
         """Part `number` of so many equal ones that their count can be divided into."""
+        size = len(self.volumes) // of
 
         def cut(leaf: Array, axis: int) -> Array:
-            size = leaf.shape[axis] // of
             return jax.lax.dynamic_slice_in_dim(leaf, number * size, size, axis)
 
-        return replace(
-            self,
-            gradients=cut(self.gradients, 0),
-            pressures=cut(self.pressures, 0),
-            by_gradient=cut(self.by_gradient, 1),
-            by_pressure=cut(self.by_pressure, 1),
-            volumes=cut(self.volumes, 0),
+        return ModePoints.of(
+            self.material,
+            cut(self.each_gradient, 1),
+            cut(self.pressures, 0),
+            cut(self.volumes, 0),
+            self.element,
         )
 
     def padded(self, divisor: int) -> "ModePoints":
         """With points that have no volume, so many that `divisor` divides the number of all."""
         missing = -len(self.volumes) % divisor
-        each = self.gradients.reshape(len(self.volumes), 9, -1)
         return ModePoints.of(
             self.material,
-            jnp.pad(each, ((0, missing), (0, 0), (0, 0))),
+            jnp.pad(self.each_gradient, ((0, 0), (0, missing), (0, 0))),
             jnp.pad(self.pressures, ((0, missing), (0, 0))),
             jnp.pad(self.volumes, (0, missing)),
             self.element,
@@ -92,7 +98,9 @@ class ModePoints(eqx.Module):
 
     def residual(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
         """Generalised forces (n,) of the points at amplitudes (n,)."""
-        return self._collected(*self._conjugates(*self._strains(z)))
+        stress, mismatch = self._conjugates(*self._strained(z))
+        # With each component in a loop of its own, before XLA puts them together.
+        return self._collected(jnp.stack(jax.lax.optimization_barrier(stress)), mismatch)
 
     def tangent_action(self, z: Float[Array, " n"]) -> Callable[[Float[Array, "n c"]], Float[Array, "n c"]]:
         """The map of directions (n, c) to what they change in the `residual`."""
@@ -100,48 +108,52 @@ class ModePoints(eqx.Module):
 
         def action(directions: Float[Array, "n c"]) -> Float[Array, "n c"]:
             h, pressure = self._strains(directions)
-            stress = jnp.einsum("kab,kb...->ka...", at.stiffness, h)
-            stress = stress + jnp.einsum("ka,k...->ka...", at.coupling, pressure)
-            mismatch = jnp.einsum("kb,kb...->k...", at.coupling, h)
+            stress = jnp.einsum("abk,bk...->ak...", at.stiffness, h)
+            stress = stress + jnp.einsum("ak,k...->ak...", at.coupling, pressure)
+            mismatch = jnp.einsum("bk,bk...->k...", at.coupling, h)
             return self._collected(stress, mismatch + jnp.einsum("k,k...->k...", at.softness, pressure))
 
         return action
 
     def tangent(self, z: Float[Array, " n"]) -> Float[Array, "n n"]:
-        """Derivative (n, n) of the `residual` at amplitudes (n,)."""
-        at = self._moduli(z)
-        each = self.gradients.reshape(*at.coupling.shape, -1)
+        """Derivative (n, n) of the `residual` at amplitudes (n,), in the points' own precision."""
+        at, each = self._moduli(z), self.each_gradient
+        # One component after the other: XLA makes a loop over points of small products otherwise.
+        stress = [sum(at.stiffness[a, b][:, None] * each[b] for b in range(9)) for a in range(9)]
         by_gradient = self.gradients.T
-        upper = by_gradient @ jnp.einsum("kab,kbm->kam", at.stiffness, each).reshape(self.gradients.shape)
-        side = by_gradient @ (at.coupling[:, :, None] * self.pressures[:, None]).reshape(
-            len(self.gradients), -1
-        )
+        upper = by_gradient @ jnp.concatenate(jax.lax.optimization_barrier(stress))
+        side = by_gradient @ (at.coupling.reshape(-1, 1) * jnp.tile(self.pressures, (9, 1)))
         lower = self.pressures.T @ (at.softness[:, None] * self.pressures)
-        return jnp.block([[upper, side], [side.T, lower]]).astype(z.dtype)
+        return jnp.block([[upper, side], [side.T, lower]])
 
     def volume_ratios(self, z: Float[Array, " n"]) -> Float[Array, " k"]:
         """J = det F (k,) at amplitudes (n,)."""
-        return determinant(_deformation(self._strains(z)[0]))
+        return determinant(_deformation(self._strained(z)[0]))
 
     def beyond_rest(self, z: Float[Array, " n"], along: Float[Array, "n c"]) -> Float[Array, "c k"]:
         """Every point's own work (c, k) on directions (n, c) at amplitudes (n,), without what its tangent at
         rest makes of it.
         """
-        strains = self._strains(z)
-        still = jax.tree.map(jnp.zeros_like, strains)
-        linear = jax.jvp(self._conjugates, still, strains)[1]
-        stress, mismatch = jax.tree.map(jnp.subtract, self._conjugates(*strains), linear)
+        strained = self._strained(z)
+        still = jax.tree.map(jnp.zeros_like, strained)
+        linear = jax.jvp(self._conjugates, still, strained)[1]
+        stress, mismatch = jax.tree.map(jnp.subtract, self._conjugates(*strained), linear)
         h, pressure = self._strains(along)
-        return jnp.einsum("ka,kac->ck", stress, h) + mismatch * pressure.T
+        return jnp.einsum("ak,akc->ck", jnp.stack(stress), h) + mismatch * pressure.T
 
-    def _strains(self, z: Float[Array, "n *c"]) -> tuple[Float[Array, "k 9 *c"], Float[Array, "k *c"]]:
+    def _strains(self, z: Float[Array, "n *c"]) -> tuple[Float[Array, "9 k *c"], Float[Array, "k *c"]]:
         """Displacement gradients and pressures of amplitudes, in the points' own precision."""
         own, m = z.astype(self.gradients.dtype), self.gradients.shape[1]
-        h = (self.gradients @ own[:m]).reshape(len(self.volumes), 9, *z.shape[1:])
+        h = (self.gradients @ own[:m]).reshape(9, len(self.volumes), *z.shape[1:])
         return h, self.pressures @ own[m:]
 
+    def _strained(self, z: Float[Array, " n"]) -> tuple[_Components, Float[Array, " k"]]:
+        """The strains with each component by itself."""
+        h, pressure = self._strains(z)
+        return tuple(h), pressure
+
     def _collected(
-        self, stress: Float[Array, "k 9 *c"], mismatch: Float[Array, "k *c"]
+        self, stress: Float[Array, "9 k *c"], mismatch: Float[Array, "k *c"]
     ) -> Float[Array, "n *c"]:
         """Generalised forces of what works on gradients and pressures."""
         # Or XLA computes the stresses anew for every mode.
@@ -150,16 +162,17 @@ class ModePoints(eqx.Module):
         return jnp.concatenate([moved, self.by_pressure @ mismatch]).astype(float)
 
     def _moduli(self, z: Float[Array, " n"]) -> _Moduli:
-        h, pressure = self._strains(z)
+        h, pressure = self._strained(z)
         _, action = jax.linearize(self._conjugates, h, pressure)
-        units = jnp.broadcast_to(jnp.eye(9, dtype=h.dtype)[:, None], (9, *h.shape))
-        stiffness, coupling = jax.vmap(lambda unit: action(unit, jnp.zeros_like(pressure)))(units)
-        _, softness = action(jnp.zeros_like(h), jnp.ones_like(pressure))
-        return _Moduli(stiffness.transpose(1, 0, 2), coupling.T, softness)
+        units = jnp.eye(9, dtype=pressure.dtype)[:, :, None] * jnp.ones_like(pressure)
+        stress, coupling = jax.vmap(lambda unit: action(tuple(unit), jnp.zeros_like(pressure)))(units)
+        _, softness = action(jax.tree.map(jnp.zeros_like, h), jnp.ones_like(pressure))
+        # By direction so far; it is symmetric.
+        return _Moduli(jnp.stack(jax.lax.optimization_barrier(stress)), coupling, softness)
 
     def _conjugates(
-        self, h: Float[Array, "k 9"], pressure: Float[Array, " k"]
-    ) -> tuple[Float[Array, "k 9"], Float[Array, " k"]]:
+        self, h: _Components, pressure: Float[Array, " k"]
+    ) -> tuple[_Components, Float[Array, " k"]]:
         """What does work on gradients [Pa m³] and pressures [m³]."""
 
         def energy(h, pressure):
@@ -189,7 +202,7 @@ def mode_points(
         found.append(
             ModePoints.of(
                 region.material,
-                jnp.asarray(gradients[:m].transpose(1, 2, 0)),
+                jnp.asarray(gradients[:m].transpose(2, 1, 0)),
                 jnp.asarray(pressures[:b].T),
                 region.volumes.ravel(),
                 body.element,
@@ -227,7 +240,7 @@ def weighted(
             found.append(
                 ModePoints.of(
                     each.material,
-                    each.gradients.reshape(len(each.volumes), 9, -1)[at],
+                    each.each_gradient[:, at],
                     each.pressures[at],
                     each.volumes[at] * jnp.asarray(weights[own]),
                     each.element,
@@ -237,5 +250,8 @@ def weighted(
     return tuple(found)
 
 
-def _deformation(h: Float[Array, "k 9"]) -> Tensor:
-    return components((h.T + jnp.eye(3, dtype=h.dtype).reshape(9, 1)).reshape(3, 3, -1))
+def _deformation(h: _Components) -> Tensor:
+    """F = I + H."""
+    one = jnp.ones((), h[0].dtype)
+    a, b, c, d, e, f, g, h_, i = h
+    return (a + one, b, c), (d, e + one, f), (g, h_, i + one)

@@ -85,9 +85,10 @@ class ReducedBody(AbstractBody):
         return lambda directions: self.linear @ directions + sum(part(directions) for part in parts)
 
     def rough(self) -> "ReducedBody":
-        """With the sample, what is beyond the linear part, and the whole shape in single precision."""
+        """With modes and sample, what is beyond the linear part, in single precision."""
         sample = tuple(points.single() for points in self.sample)
-        return replace(self, sample=sample, shapes=self.shapes.astype(jnp.float32))
+        shapes, seen = (each.astype(jnp.float32) for each in (self.shapes, self.seen_shapes))
+        return replace(self, sample=sample, shapes=shapes, seen_shapes=seen)
 
     def stiffened(
         self,
@@ -122,21 +123,30 @@ class ReducedBody(AbstractBody):
         that is not watched, so that nothing is lost without a word.
         """
         w, c = self.seen_shapes.shape[0], forces.shape[-1]
-        return self._pushed(jnp.zeros((w + 1, 3, c)).at[self.seen[nodes]].add(forces))
+        nodal = jnp.zeros((w + 1, 3, c)).at[self.seen[nodes]].add(forces)
+        return self._pushed(self.seen_shapes.reshape(3 * w, -1), nodal[:w].reshape(-1, c), nodal[w])
 
-    def spread_apart(
-        self, nodes: Int[Array, "p s"], forces: Float[Array, "p s 3"], column: Int[Array, " p"], columns: int
+    def spread_along(
+        self,
+        direction: Float[Array, "3"],
+        nodes: Int[Array, "p s"],
+        forces: Float[Array, "p s"],
+        column: Int[Array, " p"],
+        columns: int,
     ) -> Float[Array, "n columns"]:
-        """Generalised forces (n, columns) of forces (p, s, 3) [N] on nodes (p, s), see `spread`."""
-        nodal = jnp.zeros((self.seen_shapes.shape[0] + 1, 3, columns))
-        place = self.seen[nodes][:, :, None], jnp.arange(3), column[:, None, None]
-        return self._pushed(nodal.at[place].add(forces))
+        """Generalised forces (n, columns) of forces (p, s) [N] on nodes (p, s), see `spread`."""
+        w = self.seen_shapes.shape[0]
+        nodal = jnp.zeros((w + 1, columns)).at[self.seen[nodes], column[:, None]].add(forces)
+        shapes = jnp.einsum("wim,i->wm", self.seen_shapes, direction.astype(self.seen_shapes.dtype))
+        return self._pushed(shapes, nodal[:w], nodal[w:])
 
-    def _pushed(self, nodal: Float[Array, "w_plus_1 3 c"]) -> Float[Array, "n c"]:
-        """Generalised forces of those on watched nodes and, last, on others."""
-        w, m, c = self.seen_shapes.shape[0], self.displacement_modes, nodal.shape[-1]
-        lost = jnp.where(jnp.any(nodal[w] != 0, axis=0), jnp.nan, 0.0)
-        pushed = self.seen_shapes.reshape(-1, m).T @ nodal[:w].reshape(-1, c)
+    def _pushed(
+        self, shapes: Float[Array, "f m"], forces: Float[Array, "f c"], unseen: Float[Array, "u c"]
+    ) -> Float[Array, "n c"]:
+        """Generalised forces (n, c) of forces (f, c) that move by shapes (f, m); NaN where others are."""
+        m, c = self.displacement_modes, forces.shape[1]
+        lost = jnp.where(jnp.any(unseen != 0, axis=0), jnp.nan, 0.0)
+        pushed = (shapes.T @ forces.astype(shapes.dtype)).astype(float)
         return jnp.concatenate([pushed + lost, jnp.zeros((self.n - m, c))])
 
     def forces(self, residual: Float[Array, " n"]) -> Float[Array, " n"]:

@@ -23,7 +23,7 @@ from softfuse.mesh.tetmesh import tet_mesh
 from softfuse.reduction.basis import Basis
 from softfuse.reduction.chart import Chart, ChartSettings, chart
 from softfuse.reduction.cubature import Cubature
-from softfuse.reduction.load_paths import LoadPath, pressed_square
+from softfuse.reduction.load_paths import LoadPath, Square, pressed_square
 from softfuse.reduction.mode_points import mode_points
 from softfuse.reduction.projection import project
 from softfuse.reduction.reduced_body import ReducedBody
@@ -32,8 +32,7 @@ from softfuse.reduction.sampling import sampled
 from softfuse.reduction.snapshots import snapshots
 
 MM = 1e-3
-MIDDLE = np.array([-12 * MM, 2 * MM, 0.0])
-CELL = [(x, y) for x in np.linspace(-16 * MM, -8 * MM, 5) for y in np.linspace(-2 * MM, 6 * MM, 5)]
+SQUARE = Square(np.array([-12 * MM, 2 * MM, 0.0]), np.eye(3)[:2], 4 * MM)
 """Places of the contact."""
 UNSEEN = [((-12.3 * MM, 3.1 * MM), 6.0), ((-9.3 * MM, 0.4 * MM), 7.5), ((-14.9 * MM, 5.2 * MM), 2.2)]
 """Places and forces [N] that nothing was trained on."""
@@ -65,8 +64,8 @@ def trained(device: Device) -> Trained:
         device.linear,
         body,
         device_loads(device),
-        pressed_square(MIDDLE, np.eye(3)[:2], 4 * MM, 8.0, side=2, levels=3, near=6),
-        around=[at(*place) for place in CELL],
+        pressed_square(SQUARE, 8.0, side=2, levels=3, near=6),
+        around=[jnp.asarray(place)[None] for place in SQUARE.grid(9)],
         watched=np.arange(body.n_nodes),
         settings=ChartSettings(displacements=45, pressures=18),
     )
@@ -136,11 +135,11 @@ def test_parts_of_its_tangent_make_the_whole(trained: Trained) -> None:
     np.testing.assert_allclose(acted, whole @ directions, atol=1e-9 * float(jnp.abs(acted).max()))
 
 
-def test_single_precision_moves_forces_by_a_millionth(trained: Trained) -> None:
+def test_single_precision_moves_forces_by_a_hundred_thousandth(trained: Trained) -> None:
     body, z = trained.device.body, jnp.asarray(trained.chart.amplitudes[5])
     for of in (ReducedBody.residual, ReducedBody.displacement):
         exact, rough = (np.asarray(jax.jit(of)(each, z)) for each in (body, body.rough()))
-        np.testing.assert_allclose(rough, exact, atol=3e-6 * np.abs(exact).max())
+        np.testing.assert_allclose(rough, exact, atol=1e-5 * np.abs(exact).max())
 
 
 def test_the_rolling_inverse_comes_to_that_of_the_state(device, trained) -> None:
@@ -248,15 +247,17 @@ def test_spreading_forces_is_the_transpose_of_watching(trained: Trained) -> None
     np.testing.assert_allclose(body.spread(nodes, forces)[:, 0] @ z, work, rtol=1e-9)
 
 
-def test_spreading_apart_is_spreading_column_by_column(device, trained) -> None:
+def test_spreading_along_a_direction_is_spreading_column_by_column(device, trained) -> None:
     random = np.random.default_rng(4)
     nodes = jnp.asarray(random.integers(0, device.body.n_nodes, (7, 4)))
-    forces, column = jnp.asarray(random.normal(size=(7, 4, 3))), jnp.array([0, 2, 1, 2, 0, 1, 2])
+    forces, column = jnp.asarray(random.normal(size=(7, 4))), jnp.array([0, 2, 1, 2, 0, 1, 2])
+    direction = jnp.array([0.6, -0.3, 0.7])
     for body in (device.body, trained.device.body):
-        apart = body.spread_apart(nodes, forces, column, 3)
+        along = body.spread_along(direction, nodes, forces, column, 3)
         for k in range(3):
-            own = body.spread(nodes[column == k], forces[column == k][..., None])[:, 0]
-            np.testing.assert_allclose(apart[:, k], own, atol=1e-12 * float(jnp.abs(own).max()))
+            each = forces[column == k][:, :, None, None] * direction[:, None]
+            own = body.spread(nodes[column == k], each)[:, 0]
+            np.testing.assert_allclose(along[:, k], own, atol=1e-12 * float(jnp.abs(own).max()))
 
 
 def test_snapshots_end_where_the_body_cannot_carry_the_load(device) -> None:
