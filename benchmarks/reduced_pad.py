@@ -26,20 +26,23 @@ from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation
-from softfuse.reduction.chart import Chart, ChartSettings, chart
+from softfuse.reduction.chart import Chart
 from softfuse.reduction.load_paths import Square, pressed_square
+from softfuse.reduction.rest_stiffness import RestStiffness, rest_stiffness
+from softfuse.reduction.teaching import ChartSettings, teach
 
 CONFIG = Path(__file__).parents[1] / "configs" / "pad.toml"
 SQUARE = Square(np.array([4e-3, 4e-3, 0.0]), np.eye(3)[:2], 4e-3)
 """Where the places are."""
 
 
-def reduced(device: Device, largest: float, settings: ChartSettings) -> Chart:
+def taught(device: Device, stiffness: RestStiffness, largest: float, settings: ChartSettings) -> Chart:
     """The chart of the square, from presses up to a force [N]."""
     assert isinstance(device.body, Body)
-    return chart(
+    return teach(
         device.linear,
         device.body,
+        stiffness,
         lambda body, place: replace(device, body=body).loads(place),
         pressed_square(SQUARE, largest),
         around=[jnp.asarray(place)[None] for place in SQUARE.grid(11)],
@@ -99,9 +102,11 @@ def main() -> None:
     config = load(CONFIG)
     full, largest = build_device(config), float(config.contact.max_force)
     started = time.perf_counter()
-    made = reduced(full, largest, ChartSettings())
+    assert isinstance(full.body, Body)
+    stiffness = rest_stiffness(full.body)
+    made = taught(full, stiffness, largest, ChartSettings())
+    small = reduced_device(full, stiffness, made)
     built_s = time.perf_counter() - started
-    small = reduced_device(full, made)
     row: dict[str, object] = {
         "full_unknowns": full.body.n,
         "full_points": full.body.volumes.size,

@@ -1,116 +1,26 @@
-"""The reduced body around some places of its loads, from the full body and nothing else.
+"""What makes a reduced body around some places of its loads: small enough to be kept in a file.
 
-A chart holds where its loads act: other states than those of its load paths are combinations of its modes
+A chart holds where its loads act: other states than those that it was taught are combinations of its modes
 only as far as they look alike, and nodes that it does not watch give NaN.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Float, Int
 
-from softfuse.body.body import Body
-from softfuse.equilibrium.linear_solver import AbstractLinearSolver
-from softfuse.errors import SolveError
-from softfuse.reduction.basis import Basis, basis_of
+from softfuse.reduction.basis import Basis
 from softfuse.reduction.cubature import Cubature
-from softfuse.reduction.load_paths import LoadPath
-from softfuse.reduction.mode_points import mode_points
-from softfuse.reduction.projection import project
-from softfuse.reduction.reduced_body import ReducedBody
-from softfuse.reduction.rest_stiffness import RestStiffness, rest_stiffness
-from softfuse.reduction.sampling import sampled
-from softfuse.reduction.snapshots import LoadsAt, snapshots
-
-NO_NODES = np.zeros(0, int)
-
-
-@dataclass(frozen=True)
-class ChartSettings:
-    """How fine a chart is: numbers of modes of `displacements` and `pressures`, the relative `tolerance` of
-    the cubature, and the `most_points` it may take.
-    """
-
-    displacements: int = 128
-    pressures: int = 40
-    tolerance: float = 2e-2
-    most_points: int = 400
 
 
 class Chart(NamedTuple):
-    """A reduced body, and what it was made of: its basis, the tangent at rest, the training states'
-    amplitudes (t, r) and the cubature.
+    """The `basis` of r modes; the `cubature` of the body's points that its energy is measured at; the nodes
+    `watched` (w,) that loads and functionals look at; how far each mode goes, the root mean square `reach`
+    (r,) of the amplitudes it was taught; and the largest `compliance` [m/N] under one force of its loads.
     """
 
-    body: ReducedBody
     basis: Basis
-    stiffness: RestStiffness
-    amplitudes: Float[np.ndarray, "t r"]
     cubature: Cubature
-
-
-def chart(
-    linear: AbstractLinearSolver,
-    body: Body,
-    loads_at: LoadsAt,
-    paths: Sequence[LoadPath],
-    *,
-    around: Iterable[Array],
-    watched: Int[np.ndarray, " w"] = NO_NODES,
-    settings: ChartSettings = ChartSettings(),
-) -> Chart:
-    """Reduce a body for loads like those of some load paths.
-
-    `around`: places (c, ...) so close to each other that no node which loads may act on is missed between
-    them; `watched` (w,): further nodes that functionals look at, of cavities none. Raises SolveError where a
-    path has no equilibrium.
-    """
-    found = snapshots(linear, body, loads_at, paths)
-    if not found.found[:, :, 0].all():
-        path, level = np.argwhere(~found.found[:, :, 0])[0]
-        raise SolveError(
-            f"load path {path} at {np.ravel(paths[path].place)} finds no equilibrium at drives "
-            f"{paths[path].levels[level]}: lower the largest force, or refine the mesh there"
-        )
-    stiffness = rest_stiffness(body)
-    basis = basis_of(
-        stiffness, found.states, displacements=settings.displacements, pressures=settings.pressures
-    )
-    amplitudes = amplitudes_of(found.states, basis, stiffness)
-    points = mode_points(body, *basis)
-    cubature = sampled(points, amplitudes, tolerance=settings.tolerance, most=settings.most_points)
-    pushed = np.any([np.asarray(_pushed(loads_at, body, place)) for place in around], axis=0)
-    seen = np.union1d(watched, np.flatnonzero(pushed))
-    answer = float(_softest(loads_at, linear, body, paths[0].place))
-    reduced = project(body, basis, stiffness, points, cubature, seen, 1 / answer)
-    return Chart(reduced, basis, stiffness, amplitudes, cubature)
-
-
-def amplitudes_of(
-    states: Float[np.ndarray, "t n"], basis: Basis, stiffness: RestStiffness
-) -> Float[np.ndarray, "t r"]:
-    """Amplitudes (t, r) of the modes that come closest to states (t, n) of the full body."""
-    u = stiffness.n_displacements
-    moves = states[:, :u] @ (stiffness.displacement @ basis.displacement)
-    return np.concatenate([moves, states[:, u:] @ (stiffness.pressure @ basis.pressure)], axis=1)
-
-
-@eqx.filter_jit
-def _pushed(loads_at: LoadsAt, body: Body, place: Array) -> Bool[Array, " k"]:
-    """Which nodes (k,) the loads at a place act on."""
-    rows = loads_at(body, place).rows(body, jnp.zeros(body.n))
-    acts = jnp.append(jnp.any(rows != 0, axis=1), False)
-    return jnp.any(acts[jnp.minimum(body.displacement_index, body.n)], axis=1)
-
-
-@eqx.filter_jit
-def _softest(loads_at: LoadsAt, linear: AbstractLinearSolver, body: Body, place: Array) -> Float[Array, ""]:
-    """The largest compliance [m/N] of a body at rest under one force of the loads at a place."""
-    loads = loads_at(body, place)
-    solver, rows = linear.rough(), loads.rows(body, jnp.zeros(body.n))[:, loads.carrying]
-    answers = solver.solve(solver.factor(body.element_tangents(jnp.zeros(body.n))), rows)
-    return jnp.max(jnp.sum(rows * answers, axis=0))
+    watched: Int[np.ndarray, " w"]
+    reach: Float[np.ndarray, " r"]
+    compliance: float

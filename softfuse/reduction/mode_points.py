@@ -11,16 +11,11 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int
 
-from softfuse.body.body import Body
 from softfuse.body.element import Element
 from softfuse.material.base import AbstractMaterial
-from softfuse.material.components import Tensor, determinant, whole
-
-_MODES_AT_ONCE = 16
-
+from softfuse.material.components import Tensor, determinant
 
 _Components = tuple[Float[Array, " k"], ...]
 """The nine components of a tensor at the points, row by row."""
@@ -180,74 +175,6 @@ class ModePoints(eqx.Module):
             return self.volumes @ self.element.density(*measures, self.material.lame, pressure)
 
         return jax.grad(energy, (0, 1))(h, pressure)
-
-
-def mode_points(
-    body: Body, displacement: Float[np.ndarray, "u m"], pressure: Float[np.ndarray, "c b"]
-) -> tuple[ModePoints, ...]:
-    """All quadrature points of a body, those of each material together in the order (q, e), under
-    displacement modes (u, m) and pressure modes (c, b).
-    """
-    (u, m), (c, b) = displacement.shape, pressure.shape
-    # A displacement and a pressure mode are strained together, for neither sees the other.
-    both = np.zeros((-(-max(m, b, 1) // _MODES_AT_ONCE) * _MODES_AT_ONCE, body.n + 1))
-    both[:m, :u], both[:b, u : u + c] = displacement.T, pressure.T
-    strained = [
-        jax.tree.map(np.asarray, _strained(body, jnp.asarray(both[k : k + _MODES_AT_ONCE])))
-        for k in range(0, len(both), _MODES_AT_ONCE)
-    ]
-    found = []
-    for region, of in zip(body.regions(), zip(*strained, strict=True), strict=True):
-        gradients, pressures = (np.concatenate(each) for each in zip(*of, strict=True))
-        found.append(
-            ModePoints.of(
-                region.material,
-                jnp.asarray(gradients[:m].transpose(2, 1, 0)),
-                jnp.asarray(pressures[:b].T),
-                region.volumes.ravel(),
-                body.element,
-            )
-        )
-    return tuple(found)
-
-
-@eqx.filter_jit
-def _strained(
-    body: Body, modes: Float[Array, "s n_plus_1"]
-) -> list[tuple[Float[Array, "s k 9"], Float[Array, "s k"]]]:
-    """Of each region, gradients (s, k, 9) and pressures (s, k) of modes, each followed by a 0."""
-
-    def of(region, z):
-        slopes, pressure = region.strains(z)
-        h = whole(region.deformation(slopes)).reshape(9, -1) - jnp.eye(3).reshape(9, 1)
-        return h.T, pressure.ravel()
-
-    return [jax.vmap(lambda z, r=r: of(r, z))(modes) for r in body.regions()]
-
-
-def weighted(
-    points: tuple[ModePoints, ...], numbers: Int[np.ndarray, " c"], weights: Float[np.ndarray, " c"]
-) -> tuple[ModePoints, ...]:
-    """Some of all points, numbered (c,) material by material, their volumes multiplied by weights (c,) [-];
-    materials without any are left out.
-    """
-    found, first = [], 0
-    for each in points:
-        last = first + len(each.volumes)
-        own = (numbers >= first) & (numbers < last)
-        if own.any():
-            at = numbers[own] - first
-            found.append(
-                ModePoints.of(
-                    each.material,
-                    each.each_gradient[:, at],
-                    each.pressures[at],
-                    each.volumes[at] * jnp.asarray(weights[own]),
-                    each.element,
-                )
-            )
-        first = last
-    return tuple(found)
 
 
 def _deformation(h: _Components) -> Tensor:

@@ -41,17 +41,12 @@ class ProjectedVolume(AbstractFunctional):
         return self.slope @ z + curved @ y
 
 
-def projected_volume(
-    cavity: Cavity, body: ReducedBody, amplitudes: Float[np.ndarray, "t n"]
-) -> ProjectedVolume:
-    """The volume of a cavity of a reduced body; amplitudes (t, n) of typical states say how far each mode
-    goes.
-    """
+def projected_volume(cavity: Cavity, body: ReducedBody, reach: Float[np.ndarray, " n"]) -> ProjectedVolume:
+    """The volume of a cavity of a reduced body whose modes go as far as `reach` (n,)."""
     m = body.displacement_modes
     nodes, local = np.unique(np.asarray(cavity.faces), return_inverse=True)
     shapes = np.asarray(body.shapes)[nodes].reshape(-1, m)
-    reach = np.sqrt(np.mean(amplitudes[:, :m] ** 2, axis=0))
-    left, size, right = np.linalg.svd(shapes * reach, full_matrices=False)
+    left, size, right = np.linalg.svd(shapes * reach[:m], full_matrices=False)
     used = size > _UNUSED * size[0]
     walls = left[:, used]  # E; y = Wz are the walls' motions along it
     at_rest = body.rest[nodes]
@@ -67,7 +62,7 @@ def projected_volume(
     slope = jax.jit(jax.grad(volume))(jnp.zeros(len(shapes))) @ shapes
     bend = jax.jit(jax.hessian(along))(still)
     twist = jax.jit(jax.jacfwd(jax.hessian(along)))(still)
-    directions = size[used, None] * right[used] / reach
+    directions = size[used, None] * right[used] / reach[:m]
     rest = body.n - m
     return ProjectedVolume(
         slope=jnp.pad(jnp.asarray(slope), (0, rest)),

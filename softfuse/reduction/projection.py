@@ -1,4 +1,4 @@
-"""From a full body, modes and a cubature to the reduced body.
+"""From a full body and a chart to the reduced body.
 
 Displacement and pressure modes are separate, so that a saddle point stays one: K₀ = [[1, B], [Bᵀ, −1]], as
 displacement modes are orthonormal in the stiffness A of the displacements, pressure modes in the
@@ -9,36 +9,24 @@ the material is compressible at all.
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from softfuse.body.body import Body
-from softfuse.reduction.basis import Basis
-from softfuse.reduction.cubature import Cubature
-from softfuse.reduction.mode_points import ModePoints, weighted
+from softfuse.reduction.chart import Chart
+from softfuse.reduction.mode_points import ModePoints
 from softfuse.reduction.reduced_body import ReducedBody
 from softfuse.reduction.rest_stiffness import RestStiffness
+from softfuse.reduction.strained_points import mode_points
 
 
-def project(
-    body: Body,
-    basis: Basis,
-    stiffness: RestStiffness,
-    points: tuple[ModePoints, ...],
-    cubature: Cubature,
-    watched: Int[np.ndarray, " w"],
-    contact_stiffness: float,
-) -> ReducedBody:
-    """The reduced body of a basis, whose energy is measured at a cubature's points.
-
-    `points`: all points of the body under the basis; `watched` (w,): the nodes that loads and functionals
-    look at; `contact_stiffness` [N/m]: see `ReducedBody.stiffness`.
-    """
-    columns = basis.columns
+def project(body: Body, stiffness: RestStiffness, chart: Chart) -> ReducedBody:
+    """The reduced body of a chart, from the full body and its tangent at rest."""
+    columns, watched = chart.basis.columns, chart.watched
     n = columns.shape[1]
-    chosen = weighted(points, cubature.parts, cubature.weights)
+    chosen = mode_points(body, chart.basis, chart.cubature.parts, chart.cubature.weights)
     sample = tuple(each.padded(ReducedBody.parts) for each in chosen)
     counted = sum(np.asarray(eqx.filter_jit(ModePoints.tangent)(each, jnp.zeros(n))) for each in sample)
-    shapes = _of_nodes(body, basis.displacement)
+    shapes = _of_nodes(body, chart.basis.displacement)
     seen = np.full(body.n_nodes, len(watched))
     seen[watched] = np.arange(len(watched))
     return ReducedBody(
@@ -52,7 +40,7 @@ def project(
         linear=jnp.asarray(columns.T @ (stiffness.whole @ columns) - counted),
         weight=jnp.asarray(columns.T @ np.asarray(body.weight)),
         rest_volume=body.volume,
-        stiffness=jnp.asarray(contact_stiffness),
+        stiffness=jnp.asarray(1 / chart.compliance),
         n=n,
     )
 

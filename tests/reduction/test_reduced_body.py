@@ -21,21 +21,22 @@ from softfuse.material import MooneyRivlin, NeoHookean
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.tetmesh import tet_mesh
 from softfuse.reduction.basis import Basis
-from softfuse.reduction.chart import Chart, ChartSettings, chart
+from softfuse.reduction.chart import Chart
 from softfuse.reduction.cubature import Cubature
 from softfuse.reduction.load_paths import LoadPath, Square, pressed_square
-from softfuse.reduction.mode_points import mode_points
 from softfuse.reduction.projection import project
 from softfuse.reduction.reduced_body import ReducedBody
-from softfuse.reduction.rest_stiffness import rest_stiffness
+from softfuse.reduction.rest_stiffness import RestStiffness, rest_stiffness
 from softfuse.reduction.sampling import sampled
 from softfuse.reduction.snapshots import snapshots
+from softfuse.reduction.strained_points import mode_points
+from softfuse.reduction.teaching import ChartSettings, teach
 
 MM = 1e-3
 SQUARE = Square(np.array([-12 * MM, 2 * MM, 0.0]), np.eye(3)[:2], 4 * MM)
 """Places of the contact."""
 UNSEEN = [((-12.3 * MM, 3.1 * MM), 6.0), ((-9.3 * MM, 0.4 * MM), 7.5), ((-14.9 * MM, 5.2 * MM), 2.2)]
-"""Places and forces [N] that nothing was trained on."""
+"""Places and forces [N] that nothing was taught on."""
 
 
 def at(x: float, y: float) -> jax.Array:
@@ -48,28 +49,42 @@ def device_loads(device: Device) -> Callable[[AbstractBody, jax.Array], Loads]:
     return lambda body, places: replace(device, body=body).loads(places)
 
 
-class Trained(NamedTuple):
-    """The device with a reduced body, and the chart that it is from."""
+class Taught(NamedTuple):
+    """The device with a reduced body, the chart that it is from, the same body watching all nodes, and its
+    states (t, n) at unseen presses.
+    """
 
     device: Device
     chart: Chart
+    watching: ReducedBody
+    states: np.ndarray
 
 
 @pytest.fixture(scope="module")
-def trained(device: Device) -> Trained:
+def stiffness(device: Device) -> RestStiffness:
+    """Of the full body."""
+    assert isinstance(device.body, Body)
+    return rest_stiffness(device.body)
+
+
+@pytest.fixture(scope="module")
+def taught(device: Device, stiffness: RestStiffness) -> Taught:
     """The small device around one place, from four load paths."""
     body = device.body
     assert isinstance(body, Body)
-    reduced = chart(
+    chart = teach(
         device.linear,
         body,
+        stiffness,
         device_loads(device),
         pressed_square(SQUARE, 8.0, side=2, levels=3, near=6),
         around=[jnp.asarray(place)[None] for place in SQUARE.grid(9)],
-        watched=np.arange(body.n_nodes),
         settings=ChartSettings(displacements=45, pressures=18),
     )
-    return Trained(reduced_device(device, reduced), reduced)
+    small = reduced_device(device, stiffness, chart)
+    states = [simulate(small, at(*place), jnp.array([force])).state.z for place, force in UNSEEN]
+    watching = project(body, stiffness, chart._replace(watched=np.arange(body.n_nodes)))
+    return Taught(small, chart, watching, np.array(states))
 
 
 @pytest.fixture(scope="module", params=[TAYLOR_HOOD, LINEAR], ids=lambda element: element.name)
@@ -92,8 +107,8 @@ def test_with_all_elements_it_is_the_projection_of_the_full_body(heavy: Body) ->
     basis = Basis(random.normal(size=(u, 9)), random.normal(size=(c, 4 if c else 0)))
     count = heavy.volumes.size
     every = Cubature(np.arange(count), np.ones(count), 0.0)
-    points = mode_points(heavy, *basis)
-    reduced = project(heavy, basis, rest_stiffness(heavy), points, every, np.arange(heavy.n_nodes), 1.0)
+    chart = Chart(basis, every, np.arange(heavy.n_nodes), np.ones(9), 1.0)
+    reduced = project(heavy, rest_stiffness(heavy), chart)
     modes = basis.columns
     z = 1e-5 * random.normal(size=reduced.n)
     expected = modes.T @ np.asarray(jax.jit(Body.residual)(heavy, jnp.asarray(modes @ z)))
@@ -114,17 +129,17 @@ def test_with_all_elements_it_is_the_projection_of_the_full_body(heavy: Body) ->
     assert float(reduced.volume) == pytest.approx(float(heavy.volume))
 
 
-def test_its_tangent_is_the_slope_of_its_residual(trained: Trained) -> None:
-    body = trained.device.body
-    z = jnp.asarray(trained.chart.amplitudes[3])
+def test_its_tangent_is_the_slope_of_its_residual(taught: Taught) -> None:
+    body = taught.device.body
+    z = jnp.asarray(taught.states[0])
     slope = jax.jit(jax.jacfwd(ReducedBody.residual, argnums=1))(body, z)
     tangent = jax.jit(ReducedBody.element_tangents)(body, z)[0]
     np.testing.assert_allclose(tangent, slope, atol=1e-9 * float(jnp.abs(slope).max()))
     np.testing.assert_allclose(slope, slope.T, atol=1e-9 * float(jnp.abs(slope).max()))
 
 
-def test_parts_of_its_tangent_make_the_whole(trained: Trained) -> None:
-    body, z = trained.device.body, jnp.asarray(trained.chart.amplitudes[5])
+def test_parts_of_its_tangent_make_the_whole(taught: Taught) -> None:
+    body, z = taught.device.body, jnp.asarray(taught.states[1])
     assert isinstance(body, ReducedBody)
     part = jax.jit(ReducedBody.tangent_part)
     total = body.linear + sum(part(body, z, jnp.array(k)) for k in range(body.parts))
@@ -135,16 +150,16 @@ def test_parts_of_its_tangent_make_the_whole(trained: Trained) -> None:
     np.testing.assert_allclose(acted, whole @ directions, atol=1e-9 * float(jnp.abs(acted).max()))
 
 
-def test_single_precision_moves_forces_by_a_hundred_thousandth(trained: Trained) -> None:
-    body, z = trained.device.body, jnp.asarray(trained.chart.amplitudes[5])
+def test_single_precision_moves_forces_by_a_hundred_thousandth(taught: Taught) -> None:
+    body, z = taught.device.body, jnp.asarray(taught.states[1])
     for of in (ReducedBody.residual, ReducedBody.displacement):
         exact, rough = (np.asarray(jax.jit(of)(each, z)) for each in (body, body.rough()))
         np.testing.assert_allclose(rough, exact, atol=1e-5 * np.abs(exact).max())
 
 
-def test_the_rolling_inverse_comes_to_that_of_the_state(device, trained) -> None:
+def test_the_rolling_inverse_comes_to_that_of_the_state(device, taught) -> None:
     place, drive = at(*UNSEEN[0][0]), jnp.array([UNSEEN[0][1]])
-    small, body = trained.device, trained.device.body
+    small, body = taught.device, taught.device.body
     state, loads = simulate(small, place, drive).state, small.loads(place)
     rolling = small.linear.rough()
     renew = jax.jit(lambda f: rolling.renewed(f, body, loads, state))
@@ -162,59 +177,55 @@ def test_the_rolling_inverse_comes_to_that_of_the_state(device, trained) -> None
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_a_projected_volume_is_that_of_the_cavity(device, trained, number) -> None:
-    body, cavity, projected = trained.chart.body, device.sensors[number], trained.device.sensors[number]
+def test_a_projected_volume_is_that_of_the_cavity(device, taught, number) -> None:
+    body, cavity, projected = taught.watching, device.sensors[number], taught.device.sensors[number]
     change = jax.jit(lambda sensor, z: sensor.change(body, z))
     slope = jax.jit(jax.grad(lambda z, sensor: sensor.change(body, z)))
-    for z in jnp.asarray(trained.chart.amplitudes[::5]):
+    for z in jnp.asarray(taught.states):
         exact = change(cavity, z)
         np.testing.assert_allclose(change(projected, z), exact, rtol=1e-3, atol=1e-3 * abs(float(exact)))
         # Along what states differ by: directions of the walls that none of them uses are left out.
-        along = trained.chart.amplitudes - np.asarray(z)
+        along = taught.states - np.asarray(z)
         exact, found = (along @ np.asarray(slope(z, sensor)) for sensor in (cavity, projected))
         np.testing.assert_allclose(found, exact, atol=1e-3 * np.abs(exact).max())
 
 
-def test_modes_are_orthonormal_in_stiffness_and_compressibility(trained: Trained) -> None:
-    for modes, matrix in zip(
-        trained.chart.basis,
-        (trained.chart.stiffness.displacement, trained.chart.stiffness.pressure),
-        strict=True,
-    ):
+def test_modes_are_orthonormal_in_stiffness_and_compressibility(taught, stiffness) -> None:
+    for modes, matrix in zip(taught.chart.basis, (stiffness.displacement, stiffness.pressure), strict=True):
         np.testing.assert_allclose(modes.T @ (matrix @ modes), np.eye(modes.shape[1]), atol=1e-9)
 
 
 @pytest.mark.parametrize(("place", "force"), UNSEEN)
-def test_unseen_presses_are_within_a_percent_of_the_full_body(device, trained, place, force) -> None:
+def test_unseen_presses_are_within_a_percent_of_the_full_body(device, taught, place, force) -> None:
     exact = simulate(device, at(*place), jnp.array([force]))
-    found = simulate(trained.device, at(*place), jnp.array([force]))
+    found = simulate(taught.device, at(*place), jnp.array([force]))
     shape = device.body.displacement(exact.state.z)
-    missed = trained.device.body.displacement(found.state.z) - shape
+    missed = taught.device.body.displacement(found.state.z) - shape
     assert float(jnp.max(jnp.abs(missed))) < 1e-2 * float(jnp.max(jnp.abs(shape)))
     volumes = device.reading(exact.state)
-    assert float(jnp.max(jnp.abs(trained.device.reading(found.state) - volumes))) < 1e-2 * float(
+    assert float(jnp.max(jnp.abs(taught.device.reading(found.state) - volumes))) < 1e-2 * float(
         jnp.max(jnp.abs(volumes))
     )
-    assert trained.device.body.n < 0.03 * device.body.n
-    assert len(trained.chart.cubature.parts) < 0.1 * device.body.volumes.size
+    assert taught.device.body.n < 0.03 * device.body.n
+    assert len(taught.chart.cubature.parts) < 0.1 * device.body.volumes.size
 
 
-def test_its_compliance_is_that_of_the_full_body_and_the_slope_of_its_own_readings(device, trained) -> None:
+def test_its_compliance_is_that_of_the_full_body_and_the_slope_of_its_own_readings(device, taught) -> None:
     (place, force), h = UNSEEN[0], 1e-4
     drive = jnp.array([force])
-    own = compliance(trained.device, at(*place), drive)
+    own = compliance(taught.device, at(*place), drive)
     exact = compliance(device, at(*place), drive)
     np.testing.assert_allclose(own, exact, atol=2e-2 * float(jnp.max(jnp.abs(exact))))
     above, below = (
-        trained.device.reading(simulate(trained.device, at(*place), drive + d).state) for d in (h, -h)
+        taught.device.reading(simulate(taught.device, at(*place), drive + d).state) for d in (h, -h)
     )
     np.testing.assert_allclose(own[:, 0], (above - below) / (2 * h), rtol=1e-4, atol=1e-12)
 
 
-def test_the_estimator_finds_forces_with_it_unchanged(device, trained) -> None:
+def test_the_estimator_finds_forces_with_it_unchanged(device, taught) -> None:
     (place, force), limits = UNSEEN[1], Limits(jnp.zeros(1), jnp.array([12.0]), jnp.array([1e-6]))
     reading = device.reading(simulate(device, at(*place), jnp.array([force])).state)
-    estimator = Estimator(trained.device, limits, at(*place))
+    estimator = Estimator(taught.device, limits, at(*place))
     seen = Observation(reading, jnp.full(device.readings, 1e9), at(*place))
     for _ in range(8):
         found = estimator.update(seen)
@@ -222,15 +233,12 @@ def test_the_estimator_finds_forces_with_it_unchanged(device, trained) -> None:
     assert float(found.report.unbalanced) < 1e-3
 
 
-def test_forces_on_nodes_that_nothing_watches_are_not_lost_without_a_word(device, trained) -> None:
+def test_forces_on_nodes_that_nothing_watches_are_not_lost_without_a_word(device, taught, stiffness) -> None:
     body = device.body
     top = np.unique(np.asarray(device.contact.disc.surface.faces))
-    some, basis = Cubature(np.arange(20), np.ones(20), 0.0), trained.chart.basis
-    reduced = project(
-        device.body, basis, trained.chart.stiffness, mode_points(device.body, *basis), some, top, 1.0
-    )
+    reduced = project(body, stiffness, taught.chart._replace(watched=top))
     below = np.setdiff1d(np.arange(body.n_nodes), top)[:2]
-    z = jnp.asarray(trained.chart.amplitudes[0])
+    z = jnp.asarray(taught.states[0])
     moved = np.asarray(reduced.watched(z))
     np.testing.assert_allclose(moved[top], np.asarray(reduced.displacement(z))[top], atol=1e-18)
     assert np.isnan(moved[below]).all()
@@ -239,20 +247,20 @@ def test_forces_on_nodes_that_nothing_watches_are_not_lost_without_a_word(device
     assert np.isnan(reduced.spread(jnp.asarray(below), force)).any()
 
 
-def test_spreading_forces_is_the_transpose_of_watching(trained: Trained) -> None:
-    body, random = trained.device.body, np.random.default_rng(2)
+def test_spreading_forces_is_the_transpose_of_watching(taught: Taught) -> None:
+    body, random = taught.watching, np.random.default_rng(2)
     nodes = jnp.asarray(random.integers(0, body.n_nodes, (5, 4)))
     forces, z = jnp.asarray(random.normal(size=(5, 4, 3, 1))), jnp.asarray(random.normal(size=body.n))
     work = jnp.sum(forces[..., 0] * body.watched(z)[nodes])
     np.testing.assert_allclose(body.spread(nodes, forces)[:, 0] @ z, work, rtol=1e-9)
 
 
-def test_spreading_along_a_direction_is_spreading_column_by_column(device, trained) -> None:
+def test_spreading_along_a_direction_is_spreading_column_by_column(device, taught) -> None:
     random = np.random.default_rng(4)
     nodes = jnp.asarray(random.integers(0, device.body.n_nodes, (7, 4)))
     forces, column = jnp.asarray(random.normal(size=(7, 4))), jnp.array([0, 2, 1, 2, 0, 1, 2])
     direction = jnp.array([0.6, -0.3, 0.7])
-    for body in (device.body, trained.device.body):
+    for body in (device.body, taught.watching):
         along = body.spread_along(direction, nodes, forces, column, 3)
         for k in range(3):
             each = forces[column == k][:, :, None, None] * direction[:, None]
@@ -274,7 +282,12 @@ def test_snapshots_end_where_the_body_cannot_carry_the_load(device) -> None:
     np.testing.assert_allclose(moved(found.states[1]), moved(near), atol=0.15 * apart)
 
 
-def test_a_state_at_rest_is_refused(device, trained) -> None:
-    still = trained.chart.amplitudes * (np.arange(len(trained.chart.amplitudes)) != 4)[:, None]
-    with pytest.raises(SolveError, match="training state 4 is the body at rest"):
-        sampled(mode_points(device.body, *trained.chart.basis), still, tolerance=1e-2, most=10)
+def test_a_state_at_rest_is_refused(device, taught) -> None:
+    still = np.append(taught.states, np.zeros((1, taught.states.shape[1])), axis=0)
+    with pytest.raises(SolveError, match="training state 3 is the body at rest"):
+        sampled(mode_points(device.body, taught.chart.basis), still, tolerance=1e-2, most=10)
+
+
+def test_a_reduced_device_is_not_reduced_again(taught, stiffness) -> None:
+    with pytest.raises(SolveError, match="reduce the full device"):
+        reduced_device(taught.device, stiffness, taught.chart)
