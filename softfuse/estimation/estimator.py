@@ -3,8 +3,9 @@
 The two jitted pieces, sensors and `estimate_step`, are compiled ahead and never again, at the next start not
 even traced (`kept_programs`). Between frames this file decides whether the factor of the tangent is renewed:
 when the step found that a refinement shrinks the error of its linear solves by less than
-`refresh_contraction`. While nothing touches, the body rests and the factor at rest serves. Only compiling is
-threaded here; `hardware` does the rest.
+`refresh_contraction`. A solver that renews its factor by itself, a little in every frame, is not asked:
+its steps refine nothing. While nothing touches, the body rests and the factor at rest serves. Only compiling
+is threaded here; `hardware` does the rest.
 """
 
 import time
