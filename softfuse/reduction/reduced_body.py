@@ -71,11 +71,11 @@ class ReducedBody(AbstractBody):
         return (self.linear + sum(points.tangent(z) for points in self.sample))[None]
 
     def tangent_part(self, z: Float[Array, " n"], number: Int[Array, ""]) -> Float[Array, "n n"]:
-        """What part `number` of the sample adds to K(z) (n, n); all `parts` and `linear` make K."""
-        return sum(
-            (points.part(number, self.parts).tangent(z) for points in self.sample),
-            jnp.zeros((self.n, self.n)),
-        )
+        """What part `number` of the sample adds to K(z) (n, n), in the sample's own precision; all `parts` and
+        `linear` make K.
+        """
+        first, *others = (points.part(number, self.parts).tangent(z) for points in self.sample)
+        return sum(others, start=first)
 
     def tangent_action(self, z: Float[Array, " n"]) -> Callable[[Float[Array, "n c"]], Float[Array, "n c"]]:
         """The map of directions (n, c) to K(z) applied to them, all columns at once: what the modes weigh in
