@@ -111,6 +111,12 @@ class AbstractBody(eqx.Module):
         _, action = jax.linearize(self.residual, z)
         return lambda directions: column_by_column(action, directions)
 
+    def truncation(self, z: Float[Array, " n"]) -> Float[Array, ""]:
+        """What part of the shape is made by the last of its modes [-]: about what those that were left out
+        would have added. 0 for a body without modes.
+        """
+        return jnp.zeros_like(z[0])
+
     def rough(self) -> "AbstractBody":
         """The same body with faster arithmetic, good enough for estimates; itself where there is none."""
         return self

@@ -16,6 +16,8 @@ def prepare_jax() -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    # A frame is waited for anyway; on a thread of its own it would only begin later.
+    jax.config.update("jax_cpu_enable_async_dispatch", False)
     if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
         # The many small programs of a start take longer to compile than to read.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)

@@ -64,27 +64,54 @@ def settle(
     `free` (P,): y₀; `compliance` (P, Q); `drive` (D,). The derivative is that of one Newton step from the
     solution: exact to first order.
     """
+    x, found = _searched(loads, free, compliance, drive, jax.lax.stop_gradient(jnp.concatenate(start)))
     q = compliance.shape[1]
-    units = jax.lax.stop_gradient(loads.units())
+    return Settled(x[:q], x[q:], found)
 
-    def better(x, loads, free, compliance, drive):
-        force, internal = x[:q], x[q:]
-        y = free + compliance @ force
-        matrix = stiffness(slopes(loads, (force, internal), y, drive), compliance)
-        return x - jnp.linalg.solve(matrix, loads.equations(force, internal, y, drive))
 
-    given = jax.lax.stop_gradient((loads, free, compliance, drive))
+def _better(
+    x: Float[Array, " r"],
+    loads: HeldLoads,
+    free: Float[Array, " P"],
+    compliance: Float[Array, "P Q"],
+    drive: Float[Array, " D"],
+) -> Float[Array, " r"]:
+    """Forces and internal unknowns (r,) after one Newton step."""
+    q = compliance.shape[1]
+    force, internal = x[:q], x[q:]
+    y = free + compliance @ force
+    matrix = stiffness(slopes(loads, (force, internal), y, drive), compliance)
+    return x - jnp.linalg.solve(matrix, loads.equations(force, internal, y, drive))
+
+
+@eqx.filter_custom_jvp
+def _searched(
+    loads: HeldLoads,
+    free: Float[Array, " P"],
+    compliance: Float[Array, "P Q"],
+    drive: Float[Array, " D"],
+    start: Float[Array, " r"],
+) -> tuple[Float[Array, " r"], Bool[Array, ""]]:
+    """Newton's method from `start` (r,), and whether it came to an end."""
+    units = loads.units()
 
     def improve(carry):
         x, _, count = carry
-        after = better(x, *given)
+        after = _better(x, loads, free, compliance, drive)
         return after, jnp.max(jnp.abs(after - x) / jnp.maximum(units, jnp.abs(x))), count + 1
 
     def unfinished(carry):
         _, change, count = carry
         return (change > _TOLERANCE) & (count < _MAX_ITERATIONS)
 
-    first = (jax.lax.stop_gradient(jnp.concatenate(start)), jnp.array(jnp.inf), 0)
-    x, change, _ = jax.lax.while_loop(unfinished, improve, first)
-    x = better(x, loads, free, compliance, drive)
-    return Settled(x[:q], x[q:], change <= _TOLERANCE)
+    x, change, _ = jax.lax.while_loop(unfinished, improve, (start, jnp.array(jnp.inf), 0))
+    return x, change <= _TOLERANCE
+
+
+@_searched.def_jvp
+def _searched_jvp(primals, tangents):
+    *given, start = primals
+    x, found = _searched(*given, start)
+    *moved, _ = tangents
+    _, along = eqx.filter_jvp(lambda *at: _better(jax.lax.stop_gradient(x), *at), tuple(given), tuple(moved))
+    return (x, found), (along, None)

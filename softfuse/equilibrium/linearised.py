@@ -63,11 +63,18 @@ class Linearised(eqx.Module):
         return self.relaxed + self.response @ (force - self.force)
 
 
-def linearise(body: AbstractBody, loads: Loads, inverse: Solve, state: State) -> Linearised:
-    """Linearise at a state with K⁻¹ as the map `inverse`."""
+def linearise(
+    body: AbstractBody,
+    loads: Loads,
+    inverse: Solve,
+    state: State,
+    resistance: Float[Array, " n"] | None = None,
+) -> Linearised:
+    """Linearise at a state with K⁻¹ as the map `inverse`; `resistance` (n,): r(z), where it is known."""
     rows = loads.rows(body, state.z)
     pushed = rows[:, loads.carrying]
-    left = body.residual(state.z) - pushed @ state.force
+    resistance = body.residual(state.z) if resistance is None else resistance
+    left = resistance - pushed @ state.force
     solved = inverse(jnp.concatenate([pushed, left[:, None]], axis=1))
     response, relaxed = solved[:, :-1], -solved[:, -1]
     at = loads.values(body, state.z)

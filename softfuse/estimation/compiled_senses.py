@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,53 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.estimation.kept_programs import lowered
+from softfuse.estimation.packing import Packed, Packing
 from softfuse.sensing.senses import AbstractSenses, Sensed
-
-Packed = dict[str, Array]
-"""Vectors of all leaves of a tree that share a type of number, by its name."""
-
-
-@dataclass(frozen=True, eq=False)
-class Packing:
-    """Where the leaves of one kind of tree, those of shapes `like`, are in its vectors."""
-
-    like: Any
-
-    @classmethod
-    def of(cls, tree: Any) -> "Packing":
-        """The packing of trees like this one of arrays or their shapes."""
-        return cls(jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), tree))
-
-    @cached_property
-    def _structure(self) -> Any:
-        return jax.tree.structure(self.like)
-
-    @cached_property
-    def _places(self) -> list[tuple[str, int, int, tuple[int, ...]]]:
-        """Of each leaf: the vector, its begin and end there, its shape."""
-        places, ends = [], {}
-        for leaf in jax.tree.leaves(self.like):
-            kind, start = str(leaf.dtype), ends.get(str(leaf.dtype), 0)
-            ends[kind] = start + int(np.prod(leaf.shape))
-            places.append((kind, start, ends[kind], leaf.shape))
-        return places
-
-    def pack(self, tree: Any) -> Packed:
-        """The vectors of a tree; raises ValueError for a tree of another kind."""
-        leaves = self._structure.flatten_up_to(tree)
-        gathered: dict[str, list[Array]] = {}
-        for leaf, (kind, _, _, shape) in zip(leaves, self._places, strict=True):
-            if leaf.shape != shape or leaf.dtype != kind:
-                raise ValueError(
-                    f"a leaf of {leaf.dtype}{list(leaf.shape)} where {kind}{list(shape)} is kept"
-                )
-            gathered.setdefault(kind, []).append(jnp.ravel(leaf))
-        return {kind: jnp.concatenate(parts) for kind, parts in gathered.items()}
-
-    def unpack(self, packed: Packed | dict[str, np.ndarray]) -> Any:
-        """The tree that was packed."""
-        leaves = [packed[kind][start:end].reshape(shape) for kind, start, end, shape in self._places]
-        return self._structure.unflatten(leaves)
 
 
 @dataclass(frozen=True, eq=False)

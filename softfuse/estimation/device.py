@@ -39,7 +39,7 @@ class Device(eqx.Module):
     @property
     def readings(self) -> int:
         """Number k of readings."""
-        return len(self.sensors) + len(self.gauges)
+        return sum(sensor.count for sensor in self.sensors) + len(self.gauges)
 
     def loads(self, places: Sequence[Array] | Array) -> Loads:
         """The loads under contacts at places (c, ...)."""
@@ -53,9 +53,8 @@ class Device(eqx.Module):
     def reading(self, state: State) -> Float[Array, " k"]:
         """What the sensors read in a state, those of positions minus their reading at rest (k,), in SI."""
 
-        changes = [sensor.change(self.body, state.z) for sensor in self.sensors]
-        moved = jnp.stack([jnp.zeros(()), *changes])[1:]
-        return jnp.concatenate([moved, self.answers(state)[np.array(self.gauges, int)]])
+        changes = [jnp.ravel(sensor.change(self.body, state.z)) for sensor in self.sensors]
+        return jnp.concatenate([*changes, self.answers(state)[np.array(self.gauges, int)]])
 
     def answers(self, state: State) -> Float[Array, " a"]:
         """What answers the attached loads' drives (a,), see `AbstractLoad.conjugate`."""

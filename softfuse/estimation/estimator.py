@@ -1,7 +1,7 @@
 """Frame after frame: sensor readings in, contact location, force and shape out.
 
-The two jitted pieces, sensors and `estimate_step`, are compiled ahead and never again, at the next start not
-even traced (`kept_programs`). Between frames this file decides whether the factor of the tangent is renewed:
+The two jitted pieces, sensors and `LiveStep`, are compiled ahead and never again, at the next start not even
+traced (`kept_programs`). Between frames this file decides whether the factor of the tangent is renewed:
 when the step found that a refinement shrinks the error of its linear solves by less than
 `refresh_contraction`. A solver that renews its factor by itself, a little in every frame, is not asked:
 its steps refine nothing. While nothing touches, the body rests and the factor at rest serves. Only compiling
@@ -9,22 +9,16 @@ is threaded here; `hardware` does the rest.
 """
 
 import time
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float
 
-from softfuse.equilibrium.linearised import loaded_tangents
 from softfuse.equilibrium.solution import State
-from softfuse.errors import SolveError
 from softfuse.estimation.device import Device
-from softfuse.estimation.kept_programs import lowered
 from softfuse.estimation.limits import Limits
-from softfuse.estimation.step import Observation, StepReport, estimate_step
+from softfuse.estimation.live_step import LiveStep, Ready
+from softfuse.estimation.step import Observation, StepReport
 
 
 @dataclass(frozen=True)
@@ -51,46 +45,21 @@ DEFAULT_STEPS = StepSettings()
 
 @dataclass(frozen=True)
 class Estimate:
-    """What one frame says: drives (D,), contacts' forces [N] first, the shape as unknowns z (n,), measured
-    minus modelled readings (k,) and the step's report.
+    """What one frame says: drives (D,), contacts' forces [N] first, measured minus modelled readings (k,) and
+    the step's report.
 
     `renewed`: the factor was renewed for this frame; `lost`: the state was given up, drives are those at
-    rest; `latency_s`: wall time from call to return.
+    rest; `corrected`: the full body's, where a reduced one was not good enough; `latency_s`: wall time from
+    call to return.
     """
 
     drive: Float[np.ndarray, " D"]
-    z: Float[Array, " n"]
     misfit: Float[np.ndarray, " k"]
     report: StepReport
     renewed: bool
     lost: bool
     latency_s: float
-
-
-def _rest(static: Device, arrays: Device, places: Array) -> State:
-    return eqx.combine(arrays, static).rest_state(places)
-
-
-def _factor(static: Device, arrays: Device, state: State, places: Array) -> PyTree[Array]:
-    device = eqx.combine(arrays, static)
-    return device.linear.factor(loaded_tangents(device.body, device.loads(places), state))
-
-
-def _step(
-    fixed: tuple[Device, int],
-    arrays: Device,
-    limits: Limits,
-    factor: PyTree[Array],
-    state: State,
-    seen: Observation,
-) -> tuple[State, StepReport, PyTree[Array]]:
-    """The step, and the factor for the next one where the solver renews it."""
-    static, refinements = fixed
-    device = eqx.combine(arrays, static)
-    if not device.linear.renews:
-        return *estimate_step(device, limits, factor, state, seen, refinements=refinements), None
-    after, report = estimate_step(device, limits, factor, state, seen, refinements=0)
-    return after, report, device.linear.renewed(factor, device.body, device.loads(seen.places), after)
+    corrected: bool = False
 
 
 class Estimator:
@@ -99,49 +68,35 @@ class Estimator:
     def __init__(self, device: Device, limits: Limits, places: Array, settings: StepSettings = DEFAULT_STEPS):
         """Compile the step for as many contacts as there are `places` (c, ...), wherever they are.
 
-        Raises SolveError when the body's tangent at rest is singular, or when the limits are for another
-        number of drives than contacts and attached loads have.
+        Raises SolveError as `LiveStep` does.
         """
         self.device, self.limits, self.settings = device, limits, settings
-        # Each step refines what it solves for, so a rough factor serves.
-        device = replace(device, body=device.body.rough(), linear=device.linear.rough())
-        self._arrays, static = eqx.partition(device, eqx.is_array)
-        self._rest = lowered(_rest, static, self._arrays, places).compile()(self._arrays, places)
-        if limits.upper.shape != self._rest.drive.shape:
-            raise SolveError(
-                f"{limits.upper.shape[0]} limits for {self._rest.drive.shape[0]} drives: give one for each "
-                "contact, then for each attached load"
-            )
-        started = time.perf_counter()
-        factor = lowered(_factor, static, self._arrays, self._rest, places)
-
-        def first_factor():
-            compiled = factor.compile()
-            return compiled, compiled(self._arrays, self._rest, places)
-
-        readings = jnp.zeros(device.readings)
-        given = limits, factor.result, self._rest, Observation(readings, readings, places)
-        # XLA compiles one program on another thread while the other is traced and compiled on this one.
-        with ThreadPoolExecutor(1) as aside:
-            first = aside.submit(first_factor)
-            self._step = lowered(_step, (static, settings.refinements), self._arrays, *given).compile()
-            self._factor, self._rest_factor = first.result()
-        if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(self._rest_factor)):
-            raise SolveError(
-                "the body's stiffness at rest is singular: fix more nodes, or mend materials and mesh"
-            )
-        self.compile_s = time.perf_counter() - started
+        self.live = LiveStep(device, limits, places, settings.refinements)
+        self.compile_s = self.live.compile_s
+        self._ready = self.live.first
         self.reset()
+
+    def go_on(self, state: State | None, places: Array, ready: Ready | None = None) -> None:
+        """Go on from a state, None for rest, under contacts at `places` (c, ...), of the device or of
+        another one that was made `ready`.
+        """
+        self._ready = ready or self._ready
+        self.reset()
+        if state is not None:
+            self._carried = self.live.begin(self._ready, state, places)
 
     def reset(self) -> None:
         """Forget the past: the body rests, nothing presses."""
-        self._state, self._tangent = self._rest, self._rest_factor
-        self._renew = False
+        self._carried, self._renew = self._ready.rest, False
 
     @property
     def state(self) -> State:
         """The state after the last frame."""
-        return self._state
+        return self._carried.state
+
+    def displacement(self) -> Float[np.ndarray, "k 3"]:
+        """Displacements (k, 3) m of all nodes after the last frame."""
+        return np.asarray(self.device.body.displacement(self.state.z))
 
     def update(self, seen: Observation, limits: Limits | None = None) -> Estimate:
         """Advance by one frame's observation within the limits of this frame; never raises for what they
@@ -149,32 +104,32 @@ class Estimator:
         """
         started = time.perf_counter()
         limits = self.limits if limits is None else limits
-        renewed, state, report = False, self._state, None
+        renewed, carried, told = False, self._carried, None
         for count in range(self.settings.steps_per_frame + self.settings.catch_up_steps):
-            if count >= self.settings.steps_per_frame and report is not None and not float(report.taken) < 1:
+            if count >= self.settings.steps_per_frame and told is not None and not told.report.taken < 1:
                 break
             fresh = self._renew
             if fresh:
-                self._tangent = self._factor(self._arrays, state, seen.places)
-            after, report, rolled = self._step(self._arrays, limits, self._tangent, state, seen)
-            if not float(report.contraction) <= self.settings.redo_contraction and not fresh:
+                carried = self.live.begin(self._ready, carried.state, seen.places)
+            after, told = self.live.step(self._ready, carried, limits, seen)
+            if not told.report.contraction <= self.settings.redo_contraction and not fresh:
                 fresh = True
-                self._tangent = self._factor(self._arrays, state, seen.places)
-                after, report, rolled = self._step(self._arrays, limits, self._tangent, state, seen)
-            self._tangent = self._tangent if rolled is None else rolled
+                carried = self.live.begin(self._ready, carried.state, seen.places)
+                after, told = self.live.step(self._ready, carried, limits, seen)
             # A factor that was just made would not get better by making it again.
-            self._renew = float(report.contraction) > self.settings.refresh_contraction and not fresh
-            state, renewed = after, renewed or fresh
-        assert report is not None
-        least = float(report.least_volume_ratio)
-        lost = not (least > self.settings.least_volume_ratio and np.isfinite(float(report.contraction)))
+            self._renew = bool(told.report.contraction > self.settings.refresh_contraction) and not fresh
+            carried, renewed = after, renewed or fresh
+        assert told is not None
+        report = told.report
+        lost = not (
+            report.least_volume_ratio > self.settings.least_volume_ratio and np.isfinite(report.contraction)
+        )
         if lost:
             self.reset()
         else:
-            self._state = state
+            self._carried = carried
         return Estimate(
-            np.asarray(self._state.drive),
-            self._state.z,
+            np.asarray(self.state.drive if lost else told.drive),
             np.asarray(report.misfit),
             report,
             renewed,

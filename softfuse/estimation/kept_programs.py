@@ -12,7 +12,7 @@ import json
 import logging
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
@@ -22,6 +22,7 @@ from typing import Any
 import equinox as eqx
 import jax
 from jax import export
+from jaxtyping import Array
 
 from softfuse.estimation.outline import outline, tree_of
 
@@ -40,21 +41,45 @@ class Lowered:
     given: Any
     result: Any
 
-    def compile(self) -> Callable[..., Any]:
-        """The function of trees of arrays like those that the program was made for."""
-        compiled = self.program.compile()
-        kinds, structure = jax.tree.flatten(self.result)
+    def compile(self) -> "Program":
+        """The program as machine code."""
+        return Program(self.program.compile(), self.given, self.result)
 
-        def run(*given: Any) -> Any:
-            arrays, found = jax.tree.flatten(given)
-            if found != self.given:
-                raise TypeError(f"a program for {self.given} was given {found}")
-            arrays = iter(compiled(*arrays))
-            return structure.unflatten(
-                [next(arrays) if isinstance(kind, jax.ShapeDtypeStruct) else kind for kind in kinds]
-            )
 
-        return run
+class Program:
+    """A compiled function of trees of arrays like those that it was made for."""
+
+    def __init__(self, compiled: jax.stages.Compiled, given: Any, result: Any):
+        """Compiled for flattened arrays of trees of the structure `given`; `result` as of `Lowered`."""
+        self._compiled, self._given = compiled, given.children()
+        self._kinds, self._structure = jax.tree.flatten(result)
+
+    def __call__(self, *given: Any) -> Any:
+        """The result for these trees. Raises TypeError for trees of other structures."""
+        return self._run((), given, self._given)
+
+    def bound(self, first: Any) -> Callable[..., Any]:
+        """The function of all arguments but the first, which is looked through once and not in each call.
+
+        Raises TypeError for trees of other structures.
+        """
+        arrays, found = jax.tree.flatten(first)
+        own, *others = self._given
+        if found != own:
+            raise TypeError(f"a program for {own} was given {found}")
+        return lambda *given: self._run(arrays, given, others)
+
+    def _run(self, arrays: Sequence[Array], given: tuple[Any, ...], wanted: list[Any]) -> Any:
+        gathered = list(arrays)
+        for tree, own in zip(given, wanted, strict=True):
+            leaves, found = jax.tree.flatten(tree)
+            if found != own:
+                raise TypeError(f"a program for {own} was given {found}")
+            gathered += leaves
+        results = iter(self._compiled(*gathered))
+        return self._structure.unflatten(
+            [next(results) if isinstance(kind, jax.ShapeDtypeStruct) else kind for kind in self._kinds]
+        )
 
 
 def lowered(program: Callable[..., Any], fixed: Any, *given: Any) -> Lowered:

@@ -1,13 +1,13 @@
 """What an estimate may be: bounds of drives and of what answers them, and of how fast both may change."""
 
-from dataclasses import replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
-class Limits(eqx.Module):
+class Limits(NamedTuple):
     """Bounds of D drives, and how a step is damped.
 
     `lower`, `upper` (D,): of the drives u, equal where a drive is known; `regularisation` ε (D,) [1/drive²];
@@ -47,7 +47,7 @@ def within_rates(
     endless = jnp.full(stroke.shape, jnp.inf)
     low, high = (-endless, endless) if limits.strokes is None else limits.strokes
     narrowed = _reachable(low, high, stroke, rates.stroke, dt_s)
-    return replace(limits, lower=lower, upper=upper, strokes=narrowed)
+    return limits._replace(lower=lower, upper=upper, strokes=narrowed)
 
 
 def _reachable(low: Array, high: Array, now: Array, rate: Array, dt_s: Array) -> tuple[Array, Array]:

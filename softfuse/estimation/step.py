@@ -20,7 +20,7 @@ caller knows when a new factor pays. A second refinement is made only where the 
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -44,7 +44,7 @@ _LEAST_FORCE_N = 0.05
 """A contact's force below which its place is held as if it were that large."""
 
 
-class Observation(eqx.Module):
+class Observation(NamedTuple):
     """What the sensors say in one frame: readings since rest (k,) in SI, their weights 1/σ (k,) (0: ignore),
     and the places (c, ...) of contacts.
     """
@@ -53,15 +53,21 @@ class Observation(eqx.Module):
     weight: Float[Array, " k"]
     places: Array
 
+    @classmethod
+    def on_host(cls, reading: Any, weight: Any, places: Any) -> "Observation":
+        """Of numpy's arrays, which a live step takes as they are."""
+        return cls(reading, weight, places)
 
-class StepReport(eqx.Module):
+
+class StepReport(NamedTuple):
     """How good a step was.
 
     `misfit` (k,): measured minus modelled reading after it; `compliance` (k, D): W; `kkt`: optimality of the
     QP, in units of the drives; `taken` [-]: the part of the QP's step that was taken, below 1 where it was
     shortened to `Limits.motion`; `unbalanced` [N]: largest nodal force out of balance before it;
     `contraction` [-]: by how much the first refinement shrank the error of the linear solves;
-    `least_volume_ratio` [-]: smallest det F after it.
+    `least_volume_ratio` [-]: smallest det F after it; `truncation` [-]: what part of a reduced body's state
+    its last modes are.
     """
 
     misfit: Float[Array, " k"]
@@ -71,6 +77,7 @@ class StepReport(eqx.Module):
     unbalanced: Float[Array, ""]
     contraction: Float[Array, ""]
     least_volume_ratio: Float[Array, ""]
+    truncation: Float[Array, ""]
 
 
 def strokes(device: Device, loads: Loads, state: State) -> Float[Array, " D"]:
@@ -124,13 +131,20 @@ def _refined(solved: _Solved, improve: Callable, motion: Callable, refinements: 
 
 
 def advance(
-    device: Device, limits: Limits, inverse: Solve, state: State, seen: Observation, *, refinements: int
+    device: Device,
+    limits: Limits,
+    inverse: Solve,
+    state: State,
+    seen: Observation,
+    *,
+    refinements: int,
+    resistance: Float[Array, " n"] | None = None,
 ) -> tuple[State, StepReport]:
     """One estimate step with K⁻¹ as the map `inverse`, refined up to `refinements` times; the state after it,
-    and its report.
+    and its report. `resistance` (n,): r(z) of the state, where it is known.
     """
     body, loads = device.body, device.loads(seen.places)
-    linear = linearise(body, loads, inverse, state)
+    linear = linearise(body, loads, inverse, state, resistance)
     held = linear.held
     settled, y = settled_on(linear, state)
     x, q, drives = (settled.force, settled.internal), settled.force.shape[0], state.drive.shape[0]
@@ -184,7 +198,8 @@ def advance(
         taken,
         jnp.max(jnp.abs(body.forces(linear.unbalanced))),
         contraction,
-        jnp.min(body.volume_ratios(after.z)),
+        jnp.min(body.volume_ratios(after.z)).astype(float),
+        body.truncation(after.z),
     )
     return after, report
 
@@ -197,6 +212,7 @@ def estimate_step(
     seen: Observation,
     *,
     refinements: int = 2,
+    resistance: Float[Array, " n"] | None = None,
 ) -> tuple[State, StepReport]:
     """The live step: one `advance` with a factor of a tangent not far from here, of the solver that made it.
     Pure; compiled once.
@@ -205,7 +221,7 @@ def estimate_step(
     def inverse(b):
         return device.linear.solve(factor, b)
 
-    return advance(device, limits, inverse, state, seen, refinements=refinements)
+    return advance(device, limits, inverse, state, seen, refinements=refinements, resistance=resistance)
 
 
 def exact_steps(

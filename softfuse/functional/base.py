@@ -11,11 +11,18 @@ from softfuse.body.base import AbstractBody
 
 
 class AbstractFunctional(eqx.Module):
-    """Anything that can say by how much it differs from its value on a body at rest, in SI units."""
+    """Anything that can say by how much it differs from its value on a body at rest, in SI units; or some
+    such numbers that are found together.
+    """
+
+    @property
+    def count(self) -> int:
+        """How many numbers."""
+        return 1
 
     @abstractmethod
-    def change(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, ""]:
-        """g(z) − g(0) at unknowns z (n,) of a body, differentiably."""
+    def change(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, "..."]:
+        """g(z) − g(0), a number or (count,), at unknowns z (n,) of a body, differentiably."""
 
 
 class Functional(AbstractFunctional):

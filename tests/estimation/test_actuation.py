@@ -101,13 +101,13 @@ def test_a_cable_of_known_length_is_an_equality(robot: Robot, reached) -> None:
     """The cable below is 4 mm shorter whatever the target says; the other one does what it can."""
     endless = jnp.full(2, jnp.inf)
     known = (jnp.array([4e-3, -jnp.inf]), jnp.array([4e-3, jnp.inf]))
-    limits = replace(robot.free, strokes=known)
+    limits = robot.free._replace(strokes=known)
     state, report = reached(robot.device, limits, jnp.array([0, -4e-3, 0, 0, 0.0]), TIP_ONLY)
     answer = robot.device.answers(state)
     np.testing.assert_allclose(answer[0], 4e-3, rtol=0, atol=1e-11)
     assert float(report.kkt) < 1e-9
     assert float(state.drive[0]) > 0.1
-    unbound = replace(robot.free, strokes=(-endless, endless))
+    unbound = robot.free._replace(strokes=(-endless, endless))
     same, _ = reached(robot.device, unbound, _forward(robot.device, [0.7, 0.1]), TIP_ONLY)
     np.testing.assert_allclose(same.drive, [0.7, 0.1], rtol=1e-6)
 
@@ -144,7 +144,7 @@ def test_in_no_time_nothing_with_a_rate_changes(robot: Robot) -> None:
     drive, stroke = jnp.array([0.4, 0.3]), jnp.array([1e-3, 2e-3])
     rates = Rates(jnp.array([10.0, jnp.inf]), jnp.array([jnp.inf, 0.025]))
     bounds = (jnp.array([5e-3, -jnp.inf]), jnp.array([6e-3, jnp.inf]))
-    limits = within_rates(replace(robot.free, strokes=bounds), rates, drive, stroke, jnp.zeros(()))
+    limits = within_rates(robot.free._replace(strokes=bounds), rates, drive, stroke, jnp.zeros(()))
     np.testing.assert_allclose(limits.lower, [0.4, 0.0])
     np.testing.assert_allclose(limits.upper, [0.4, 20.0])
     assert limits.strokes is not None

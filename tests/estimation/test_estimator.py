@@ -1,7 +1,5 @@
 """The live estimator: right forces from volumes, never compiled again, and honest when it is lost."""
 
-from dataclasses import replace
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -82,7 +80,7 @@ def test_shortened_steps_are_told_and_caught_up(device, one, press: list[Observa
     full = Estimator(device, one, AT, StepSettings(steps_per_frame=10))
     full.update(press[-1])
     moved = float(jnp.max(jnp.abs(full.state.z[: device.body.n_displacements])))
-    bound = replace(one, motion=jnp.asarray(moved / 10))
+    bound = one._replace(motion=jnp.asarray(moved / 10))
     single = Estimator(device, bound, AT)
     found = single.update(press[-1])
     assert float(found.report.taken) < 0.2

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from softfuse.equilibrium.sparse import SparseLU
-from softfuse.estimation import estimator, kept_programs
+from softfuse.estimation import kept_programs, live_step
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimator, StepSettings
 from softfuse.estimation.kept_programs import lowered
@@ -44,8 +44,8 @@ def traced(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
         return run
 
-    monkeypatch.setattr(estimator, "estimate_step", noted(estimator.estimate_step))
-    monkeypatch.setattr(estimator, "loaded_tangents", noted(estimator.loaded_tangents))
+    monkeypatch.setattr(live_step, "estimate_step", noted(live_step.estimate_step))
+    monkeypatch.setattr(live_step, "loaded_tangents", noted(live_step.loaded_tangents))
     return names
 
 
@@ -56,7 +56,7 @@ def pressed(device: Device, one: Limits, settings: StepSettings = DEFAULT_STEPS)
     for part in np.linspace(0, 1, 12):
         seen = Observation(part * jnp.array([-1e-8, -4e-7]), jnp.full(2, 1e9), AT)
         estimate = following.update(seen)
-        found += map(np.asarray, [estimate.drive, estimate.z, *jax.tree.leaves(estimate.report)])
+        found += map(np.asarray, [estimate.drive, following.state.z, *jax.tree.leaves(estimate.report)])
     return found
 
 
@@ -67,7 +67,7 @@ def same_bits(one: list[np.ndarray], other: list[np.ndarray]) -> bool:
 def test_a_kept_program_gives_the_same_bits_and_is_not_traced(plain_device, one, folder, traced):
     fresh = pressed(plain_device, one)
     assert set(traced) == {"estimate_step", "loaded_tangents"}
-    assert sorted(path.name.split("-")[0] for path in folder.iterdir()) == ["factor", "rest", "step"]
+    assert sorted(path.name.split("-")[0] for path in folder.iterdir()) == ["begun", "rest", "stepped"]
     del traced[:]
     kept = pressed(plain_device, one)
     assert not traced

@@ -1,0 +1,174 @@
+"""The programs of a live step, compiled ahead, and what goes from frame to frame between them.
+
+A frame costs what its arrays cost, see `compiled_senses`: what a frame brings and what its step reports
+travel packed, and what does not change from frame to frame is handed over once. What stays in between, the
+state, the factor and the forces that the body answers with in it, stays where it was computed. These forces
+are found at a step's end, together with the volumes there, for both need the body's strains.
+"""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+
+from softfuse.equilibrium.linearised import loaded_tangents
+from softfuse.equilibrium.solution import State
+from softfuse.errors import SolveError
+from softfuse.estimation.device import Device
+from softfuse.estimation.kept_programs import lowered
+from softfuse.estimation.limits import Limits
+from softfuse.estimation.packing import Packed, Packing
+from softfuse.estimation.step import Observation, StepReport, estimate_step
+
+
+class Carried(NamedTuple):
+    """From frame to frame: the state, r(z) (n,) there, and a factor of a tangent not far from it."""
+
+    state: State
+    factor: PyTree[Array]
+    resistance: Float[Array, " n"]
+
+
+class Stepped(NamedTuple):
+    """What a step says to its caller, in numpy's arrays: drives (D,) after it, and its report."""
+
+    drive: Float[Array | np.ndarray, " D"]
+    report: StepReport
+
+
+class _After(NamedTuple):
+    """What a step's program returns; `factor`: a new one, None where there is none."""
+
+    state: State
+    factor: PyTree[Array] | None
+    resistance: Float[Array, " n"]
+    told: Packed
+
+
+class Ready(NamedTuple):
+    """A device as the compiled programs want it: its arrays, the step of it, and how it rests."""
+
+    arrays: Device
+    step: Callable[[Carried, Packed], _After]
+    rest: Carried
+
+
+def _rest(static: Device, arrays: Device, places: Array) -> State:
+    return eqx.combine(arrays, static).rest_state(places)
+
+
+def _begun(static: Device, arrays: Device, state: State, places: Array) -> Carried:
+    device = eqx.combine(arrays, static)
+    factor = device.linear.factor(loaded_tangents(device.body, device.loads(places), state))
+    return Carried(state, factor, device.body.residual(state.z))
+
+
+def _stepped(
+    fixed: tuple[Device, int, Packing, Packing], arrays: Device, carried: Carried, frame: Packed
+) -> _After:
+    static, refinements, frames, reports = fixed
+    device = eqx.combine(arrays, static)
+    limits, seen = frames.unpack(frame)
+    renews = device.linear.renews
+    after, report = estimate_step(
+        device,
+        limits,
+        carried.factor,
+        carried.state,
+        seen,
+        refinements=0 if renews else refinements,
+        resistance=carried.resistance,
+    )
+    # What is not new is not returned: it would be copied.
+    factor = None
+    if renews:
+        factor = device.linear.renewed(carried.factor, device.body, device.loads(seen.places), after)
+    told = reports.pack(Stepped(after.drive, report))
+    return _After(after, factor, device.body.residual(after.z), told)
+
+
+class LiveStep:
+    """The programs of devices of one structure and size; compiled when made."""
+
+    def __init__(self, device: Device, limits: Limits, places: Array, refinements: int):
+        """Compile for as many contacts as there are `places` (c, ...), wherever they are; `first` is the
+        device, made ready.
+
+        Raises SolveError when the body's tangent at rest is singular, or when the limits are for another
+        number of drives than contacts and attached loads have.
+        """
+        arrays, static = _split(device)
+        self._static, self.places = static, places
+        self._rest = lowered(_rest, static, arrays, places).compile()
+        rest = self._rest(arrays, places)
+        if limits.upper.shape != rest.drive.shape:
+            raise SolveError(
+                f"{limits.upper.shape[0]} limits for {rest.drive.shape[0]} drives: give one for each "
+                "contact, then for each attached load"
+            )
+        started = time.perf_counter()
+        readings = jnp.zeros(device.readings)
+        self._frames = Packing.of((limits, Observation(readings, readings, places)))
+        self._reports = Packing.of(_report_like(device, rest))
+        begun = lowered(_begun, static, arrays, rest, places)
+        fixed = static, refinements, self._frames, self._reports
+        frame = self._frames.vectors
+        # XLA compiles one program on another thread while the other is traced and compiled on this one.
+        with ThreadPoolExecutor(1) as aside:
+            first = aside.submit(begun.compile)
+            self._step = lowered(_stepped, fixed, arrays, begun.result, frame).compile()
+            self._begun = first.result()
+        self.first = self._ready(arrays, rest)
+        self.compile_s = time.perf_counter() - started
+
+    def ready(self, device: Device) -> Ready:
+        """Another device of the same structure and size, prepared for the same programs.
+
+        Raises SolveError when it has another structure, or its tangent at rest is singular.
+        """
+        arrays, static = _split(device)
+        if static != self._static:
+            raise SolveError("a device of another structure needs an estimator of its own")
+        return self._ready(arrays, self._rest(arrays, self.places))
+
+    def begin(self, ready: Ready, state: State, places: Array) -> Carried:
+        """What is carried from a state on, under contacts at `places` (c, ...)."""
+        return self._begun(ready.arrays, state, places)
+
+    def step(
+        self, ready: Ready, carried: Carried, limits: Limits, seen: Observation
+    ) -> tuple[Carried, Stepped]:
+        """One step; waits for it."""
+        after = ready.step(carried, self._frames.pack((limits, seen), np))
+        factor = carried.factor if after.factor is None else after.factor
+        told = self._reports.unpack({kind: np.asarray(vector) for kind, vector in after.told.items()})
+        return Carried(after.state, factor, after.resistance), told
+
+    def _ready(self, arrays: Device, rest: State) -> Ready:
+        carried = self._begun(arrays, rest, self.places)
+        if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(carried.factor)):
+            raise SolveError(
+                "the body's stiffness at rest is singular: fix more nodes, or mend materials and mesh"
+            )
+        return Ready(arrays, self._step.bound(arrays), carried)
+
+
+def _split(device: Device) -> tuple[Device, Device]:
+    # Each step refines what it solves for, so a rough factor serves.
+    rough = replace(device, body=device.body.rough(), linear=device.linear.rough())
+    return eqx.partition(rough, eqx.is_array)
+
+
+def _report_like(device: Device, rest: State) -> Stepped:
+    """What `Stepped` is like, by shapes."""
+    k, drives = device.readings, rest.drive.shape[0]
+    number = jnp.zeros(())
+    vector, matrix = jnp.zeros(k), jnp.zeros((k, drives))
+    return Stepped(rest.drive, StepReport(vector, matrix, *[number] * 6))
