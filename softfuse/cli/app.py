@@ -17,6 +17,7 @@ from softfuse.cli.convert import convert
 from softfuse.cli.doctor import doctor
 from softfuse.cli.estimate import estimate
 from softfuse.cli.mesh import mesh
+from softfuse.cli.reduce import reduce
 from softfuse.cli.replay import replay
 from softfuse.cli.run import run
 from softfuse.cli.simulate import simulate
@@ -32,6 +33,7 @@ app = typer.Typer(
     pretty_exceptions_show_locals=False,
 )
 app.command()(mesh)
+app.command()(reduce)
 app.command()(simulate)
 app.command()(sweep)
 app.command()(estimate)

@@ -12,10 +12,11 @@ from softfuse.cli.pad_study import PadStudy
 from softfuse.cli.recorded import sensor_columns, sensor_frames
 from softfuse.cli.recording_report import EstimateRows, summary, write_report, write_shapes
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated
-from softfuse.cli.terminal import Quiet, busy, stdout, tracked
+from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
+from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
 from softfuse.errors import SoftfuseError
 from softfuse.hardware.recording import read_recording
@@ -25,6 +26,7 @@ def estimate(
     config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
     recording: Annotated[Path, typer.Argument(help="Recording of its sensors (.csv or .csv.gz).")],
     out: Annotated[Path, typer.Option(help="Folder for estimates.csv, summary.json and report.html.")],
+    charts: Charts = None,
     quiet: Quiet = False,
 ) -> None:
     """Estimate contact location, force and shape in every frame of a recording."""
@@ -37,7 +39,7 @@ def estimate(
         estimated = Estimated(settings, device, mesh, frames)
         study = study_of(estimated)
     with busy("compiling", quiet=quiet):
-        tracker = build_tracker(settings, device)
+        tracker = build_tracker(settings, with_charts(settings, device, charts))
     readings = sensor_frames(settings, frames)
     with (out / "estimates.csv").open("w", newline="") as stream:
         rows = EstimateRows(stream, estimated, study)

@@ -1,6 +1,7 @@
 """What `softfuse run` and `softfuse replay` are put together from."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from softfuse.cli.readout import AbstractReadout, Value, readout_of
@@ -8,6 +9,7 @@ from softfuse.cli.recorded import sensor_columns
 from softfuse.config import DeviceConfig
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
+from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
 from softfuse.equilibrium.solution import State
 from softfuse.estimation.device import Device
@@ -38,13 +40,17 @@ class Estimating:
         return {c.name: "string" if c.digits is None else "number" for c in self.readout.columns}
 
 
-def estimating(config: DeviceConfig) -> Estimating:
-    """Mesh, build and compile; raises ConfigError when the config has no sensors or no contact."""
+def estimating(config: DeviceConfig, charts: Path | None = None) -> Estimating:
+    """Mesh, build and compile, with the charts of a folder if there is one.
+
+    Raises ConfigError when the config has no sensors or no contact, SoftfuseError as
+    `with_charts`.
+    """
     sensor_columns(config)
     mesh = build_mesh(config)
     device = build_device(config, mesh)
     readout = readout_of(config, device, mesh)
-    tracker = build_tracker(config, device)
+    tracker = build_tracker(config, with_charts(config, device, charts))
     assert config.sensors is not None  # sensor_columns has told
     groups = [ChannelGroup(names, unit) for names, unit in config.sensors.groups]
 

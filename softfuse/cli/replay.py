@@ -10,7 +10,7 @@ import typer
 from softfuse.cli.live_parts import estimating
 from softfuse.cli.live_picture import Pictures, scene_of
 from softfuse.cli.sources import driver_of
-from softfuse.cli.terminal import Quiet, busy, stdout, tracked
+from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
 from softfuse.config import load
 from softfuse.config.file import parse
 from softfuse.config.source import AnySource
@@ -37,6 +37,7 @@ def replay(
     bind: Annotated[str, typer.Option(help="Address that the live view listens on.")] = LOOPBACK,
     view_port: Annotated[int, typer.Option(help="Port of the live view's page.", min=1, max=65535)] = 9090,
     stream_port: Annotated[int, typer.Option(help="Port of the live view's data.", min=1, max=65535)] = 9876,
+    charts: Charts = None,
     quiet: Quiet = False,
 ) -> None:
     """Replay a recorded session, and tell whether its estimates came out the same."""
@@ -48,7 +49,7 @@ def replay(
     else:
         raise RecordingError(f"{session} holds no configuration: give one with --config")
     with busy("building and compiling", quiet=quiet):
-        parts = estimating(settings)
+        parts = estimating(settings, charts)
     missing = [] if recorded.info.sources else [c for c in parts.channels if c not in recorded.info.channels]
     if missing:
         raise RecordingError(f"{session} lacks the channels {', '.join(missing)} of the configuration")

@@ -14,7 +14,7 @@ from softfuse.cli.live_display import LiveDisplay, besides_samples, latency
 from softfuse.cli.live_parts import estimating
 from softfuse.cli.live_picture import Pictures, scene_of
 from softfuse.cli.sources import connection_of, driver_of, session_info, sources_at
-from softfuse.cli.terminal import Quiet, busy, stderr, stdout
+from softfuse.cli.terminal import Charts, Quiet, busy, stderr, stdout
 from softfuse.config import DeviceConfig, load
 from softfuse.config.source import AnySource
 from softfuse.errors import ConfigError
@@ -49,6 +49,7 @@ def run(
     seconds: Annotated[
         float | None, typer.Option("--for", help="Stop after so many seconds.", min=0.0)
     ] = None,
+    charts: Charts = None,
     quiet: Quiet = False,
 ) -> None:
     """Estimate location, force and shape live; Ctrl-C ends it."""
@@ -56,7 +57,7 @@ def run(
     clock = HostClock()
     sources = _sources(settings, port or [], baud)
     with busy("building and compiling", quiet=quiet):
-        parts = estimating(settings)
+        parts = estimating(settings, charts)
     drivers = [driver_of(source) for source in sources]
     display = LiveDisplay(clock)
     connections: list[Connection] = []

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated, TypeVar
 
 import typer
@@ -24,6 +25,14 @@ stderr = Console(stderr=True)
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no tables, only errors.")]
 """The option --quiet of every command."""
+
+Charts = Annotated[
+    Path | None,
+    typer.Option(
+        "--charts", help="Estimate in real time, with the charts that softfuse reduce has put there."
+    ),
+]
+"""The option --charts of commands that estimate."""
 
 
 def printable(text: str) -> str:

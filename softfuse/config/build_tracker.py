@@ -9,6 +9,7 @@ from softfuse.config.build_sensors import build_sensors
 from softfuse.config.contact import DiscSettings, PatchSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.errors import ConfigError
+from softfuse.estimation.atlas import Atlas
 from softfuse.estimation.device import Device
 from softfuse.estimation.tracker import Tracker, TrackerSettings
 from softfuse.sensing.finger_senses import FingerSenses
@@ -67,8 +68,8 @@ def _finger_senses(config: DeviceConfig) -> FingerSenses:
     )
 
 
-def build_tracker(config: DeviceConfig, device: Device) -> Tracker:
-    """The tracker of the config's sensors on the device; compiled.
+def build_tracker(config: DeviceConfig, device: Device | Atlas) -> Tracker:
+    """The tracker of the config's sensors on the device, or on the charts of it; compiled.
 
     Raises ConfigError when the config has no sensors or no contact.
     """

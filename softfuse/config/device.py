@@ -23,6 +23,7 @@ from softfuse.config.quantity import (
     PositiveNumber,
     wrong_value,
 )
+from softfuse.config.reduction import ReductionSettings
 from softfuse.config.sensor_set import SensorSettings
 from softfuse.config.settings import FileSettings, Settings, Vector
 from softfuse.config.source import AnySource, check_sources
@@ -71,6 +72,7 @@ class DeviceConfig(FileSettings):
     sensors: SensorSettings | None = None
     sources: tuple[AnySource, ...] = Field(default=(), alias="source")
     estimator: EstimatorSettings = EstimatorSettings()
+    reduction: ReductionSettings = ReductionSettings()
 
     @model_validator(mode="after")
     def _check_parts(self) -> Self:

@@ -8,13 +8,13 @@ from typing import Any
 from softfuse.config.settings import FileSettings
 
 
-def digest(settings: FileSettings) -> str:
-    """SHA-256 of validated settings in hexadecimal: comments, units and places of files do not matter, the
-    contents of files do.
+def digest(settings: FileSettings, parts: set[str] | None = None) -> str:
+    """SHA-256 of validated settings, or only of some parts, in hexadecimal: comments, units and places of
+    files do not matter, the contents of files do.
 
     Raises OSError when a file has gone since.
     """
-    text = json.dumps(settings.model_dump(mode="python"), sort_keys=True, default=_contents)
+    text = json.dumps(settings.model_dump(mode="python", include=parts), sort_keys=True, default=_contents)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

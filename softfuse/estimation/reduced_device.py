@@ -1,13 +1,15 @@
 """The same device with a reduced body."""
 
 from dataclasses import replace
+from itertools import groupby
 
 from softfuse.body.body import Body
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device
+from softfuse.functional.base import AbstractFunctional
 from softfuse.functional.cavity import Cavity
 from softfuse.reduction.chart import Chart
-from softfuse.reduction.projected_volume import projected_volume
+from softfuse.reduction.projected_volume import projected_volumes
 from softfuse.reduction.projection import project
 from softfuse.reduction.rest_stiffness import RestStiffness
 from softfuse.reduction.rolling_inverse import ReducedDense
@@ -22,8 +24,9 @@ def reduced_device(device: Device, stiffness: RestStiffness, chart: Chart) -> De
     if not isinstance(device.body, Body):
         raise SolveError("the device's body is a reduced one already: reduce the full device")
     body = project(device.body, stiffness, chart)
-    sensors = tuple(
-        projected_volume(sensor, body, chart.reach) if isinstance(sensor, Cavity) else sensor
-        for sensor in device.sensors
-    )
-    return replace(device, body=body, linear=ReducedDense.plan(body), sensors=sensors)
+    sensors: list[AbstractFunctional] = []
+    for _, alike in groupby(device.sensors, type):
+        group = list(alike)
+        cavities = [sensor for sensor in group if isinstance(sensor, Cavity)]
+        sensors += [projected_volumes(cavities, body, chart.reach)] if cavities else group
+    return replace(device, body=body, linear=ReducedDense.plan(body), sensors=tuple(sensors))

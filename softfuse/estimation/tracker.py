@@ -12,16 +12,17 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 from softfuse.equilibrium.solution import State
+from softfuse.estimation.atlas import Atlas
 from softfuse.estimation.compiled_senses import CompiledSenses, Finding
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimate, Estimator, StepSettings
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.model_offset import ModelOffset
+from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation
 from softfuse.sensing.senses import AbstractSenses, Sensed
 from softfuse.sensing.status import Status
@@ -104,26 +105,33 @@ class Tracker:
     def __init__(
         self,
         senses: AbstractSenses,
-        device: Device,
+        device: Device | Atlas,
         limits: Limits,
         settings: TrackerSettings = TrackerSettings(),
         steps: StepSettings = DEFAULT_STEPS,
     ):
-        """Compile senses and estimate step.
+        """Compile senses and estimate step, of the device or of its charts.
 
-        Raises SolveError when the body cannot be estimated or the limits do not fit, see `Estimator`.
+        Raises SolveError when the body cannot be estimated or the limits do not fit, see `Estimator`; and
+        SoftfuseError for a chart that cannot be read.
         """
         self.settings = settings
         started = time.perf_counter()
         with ThreadPoolExecutor(1) as aside:
             self._senses = CompiledSenses(senses, aside)
             places = self._senses.places
-            self.estimator = Estimator(device, limits, places, steps)
+            self.estimator: Estimator | ReducedEstimator
+            if isinstance(device, Atlas):
+                self.estimator = ReducedEstimator(device, limits, places, steps)
+            else:
+                self.estimator = Estimator(device, limits, places, steps)
+        device = self.estimator.device
         self.compile_s = time.perf_counter() - started
         self._limits, self._upper = limits, np.asarray(limits.upper)
         self._split = places.shape[0] * device.contact.drives
         free = self._upper[self._split :] > np.asarray(limits.lower)[self._split :]
-        self._strokes = len(device.sensors) + np.flatnonzero(free[np.array(device.gauges, int)])
+        gauges = np.array(device.gauges, int)
+        self._strokes = device.readings - len(gauges) + np.flatnonzero(free[gauges])
         self.reset()
 
     @property
@@ -190,8 +198,8 @@ class Tracker:
         allowed = np.ones(len(self._upper), bool)
         allowed[: self._split] = self._of_contacts(np.asarray(sensed.pressing))
         upper = np.where(allowed, self._upper, 0.0)
-        seen = Observation(jnp.asarray(reading), jnp.asarray(weight), jnp.asarray(sensed.places))
-        found = self.estimator.update(seen, replace(self._limits, upper=jnp.asarray(upper)))
+        seen = Observation.on_host(np.asarray(reading), weight, np.asarray(sensed.places))
+        found = self.estimator.update(seen, self._limits._replace(upper=upper))
         if found.lost:
             drive = np.where(
                 np.arange(len(allowed)) < self._split, np.where(allowed, np.nan, 0.0), found.drive
@@ -218,6 +226,8 @@ class Tracker:
         at_limit = found.drive[: self._split] >= self._upper[: self._split] * (1 - 1e-9)
         if np.any(at_limit & self._of_contacts(np.asarray(sensed.pressing))):
             doubts.append(Status.force_limit)
+        if found.corrected:
+            doubts.append(Status.corrected)
         if float(found.report.taken) < 1.0:
             doubts.append(Status.lagging)
         if _poor(sensed, misfit, self.settings.poor_fit):

@@ -32,6 +32,26 @@ class Basis(NamedTuple):
         whole[:u, :m], whole[u:, m:] = self.displacement, self.pressure
         return whole
 
+    def amplitudes(
+        self, states: Float[np.ndarray, "*t n"], stiffness: RestStiffness
+    ) -> Float[np.ndarray, "*t r"]:
+        """Amplitudes (..., r) of the modes that come closest to states (..., n) of the full body, in the
+        energy at rest.
+        """
+        u = stiffness.n_displacements
+        kind = self.displacement.dtype
+        moved = (stiffness.displacement @ states[..., :u].T).T.astype(kind) @ self.displacement
+        pressed = (stiffness.pressure @ states[..., u:].T).T.astype(kind) @ self.pressure
+        return np.concatenate([moved, pressed], axis=-1).astype(float)
+
+    def states(self, amplitudes: Float[np.ndarray, "*t r"]) -> Float[np.ndarray, "*t n"]:
+        """States (..., n) of the full body with some amplitudes (..., r) of the modes."""
+        # In the precision of the modes: they are much larger than what is multiplied with them.
+        of_modes = amplitudes.astype(self.displacement.dtype)
+        m = self.displacement.shape[1]
+        moved, pressed = of_modes[..., :m] @ self.displacement.T, of_modes[..., m:] @ self.pressure.T
+        return np.concatenate([moved, pressed], axis=-1).astype(float)
+
 
 def basis_of(
     stiffness: RestStiffness, states: Float[np.ndarray, "s n"], *, displacements: int, pressures: int

@@ -7,8 +7,10 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.stats import qmc
 
+from softfuse.reduction.cells import Cell, pairs
+
 _BEYOND = 1.15
-"""The square of each place is enlarged by so much for what is near, so that squares overlap."""
+"""The part of a cell around each place is enlarged by so much for what is near, so that parts overlap."""
 
 
 class LoadPath(NamedTuple):
@@ -22,51 +24,29 @@ class LoadPath(NamedTuple):
     near_drives: Float[np.ndarray, "l k D"]
 
 
-class Square(NamedTuple):
-    """Where the middle of one disc may be: half an edge `half` [m] to each side of the `centre` (3,) m, along
-    unit vectors `across` (2, 3).
-    """
-
-    centre: Float[np.ndarray, "3"]
-    across: Float[np.ndarray, "2 3"]
-    half: float
-
-    def at(self, coordinates: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 3"]:
-        """Places (..., 3) m of coordinates (..., 2), ±1 at the edges."""
-        return self.centre + self.half * coordinates @ self.across
-
-    def grid(self, side: int) -> Float[np.ndarray, "s 3"]:
-        """`side` x `side` places (s, 3) m evenly from edge to edge."""
-        return self.at(_pairs(np.linspace(-1, 1, side)))
-
-
-def pressed_square(
-    square: Square, largest: float, *, side: int = 3, levels: int = 4, near: int = 10, seed: int = 0
+def presses(
+    cell: Cell, largest: float, *, side: int = 3, levels: int = 4, near: int = 10, seed: int = 0
 ) -> list[LoadPath]:
-    """Presses of one disc in a square, with forces up to `largest` [N].
+    """Presses of one disc in a cell, with forces up to `largest` [N].
 
-    Up to so many `levels` at the middles of `side` x `side` smaller squares; at each level so many presses
-    `near`, spread evenly (Sobol's sequence, the same for the same `seed`) over the place's own square and
-    half a level.
+    Up to so many `levels` at the middles of `side` x `side` parts of the cell; at each level so many presses
+    `near`, spread evenly (Sobol's sequence, the same for the same `seed`) over the place's own part and half
+    a level.
     """
     heights = largest * np.arange(1, levels + 1) / levels
     paths = []
-    for number, middle in enumerate(_pairs((2 * np.arange(side) + 1) / side - 1)):
+    for number, middle in enumerate(pairs((2 * np.arange(side) + 1) / side - 1)):
         # A power of two keeps the sequence balanced, whatever is taken of it.
         power = int(np.ceil(np.log2(levels * near + 1)))
         spread = 2 * qmc.Sobol(3, rng=seed + number).random_base2(power)[: levels * near] - 1
         spread = spread.reshape(levels, near, 3)
-        beside = square.at(middle + _BEYOND / side * spread[..., :2])
+        beside = cell.at(middle + _BEYOND / side * spread[..., :2])
         force = heights[:, None] + 0.5 * heights[0] * spread[..., 2]
         path = LoadPath(
-            jnp.asarray(square.at(middle))[None],
+            jnp.asarray(cell.at(middle))[None],
             heights[:, None],
             jnp.asarray(beside)[:, :, None],
             force[..., None],
         )
         paths.append(path)
     return paths
-
-
-def _pairs(steps: Float[np.ndarray, " k"]) -> Float[np.ndarray, "kk 2"]:
-    return np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)

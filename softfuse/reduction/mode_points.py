@@ -11,6 +11,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from softfuse.body.element import Element
@@ -47,14 +48,16 @@ class ModePoints(eqx.Module):
     def of(
         cls,
         material: AbstractMaterial,
-        gradients: Float[Array, "9 k m"],
-        pressures: Float[Array, "k b"],
-        volumes: Float[Array, " k"],
+        gradients: Float[Array | np.ndarray, "9 k m"],
+        pressures: Float[Array | np.ndarray, "k b"],
+        volumes: Float[Array | np.ndarray, " k"],
         element: Element,
     ) -> "ModePoints":
         """Points of gradients (9, k, m) and pressures (k, b) of the modes."""
         flat = gradients.reshape(-1, gradients.shape[-1])
-        return cls(material, flat, pressures, flat.T.copy(), pressures.T.copy(), volumes, element)
+        by_gradient, by_pressure = flat.T.copy(), pressures.T.copy()
+        arrays = map(jnp.asarray, (flat, pressures, by_gradient, by_pressure, volumes))
+        return cls(material, *arrays, element=element)
 
     @property
     def each_gradient(self) -> Float[Array, "9 k m"]:
@@ -76,9 +79,9 @@ class ModePoints(eqx.Module):
             self.element,
         )
 
-    def padded(self, divisor: int) -> "ModePoints":
-        """With points that have no volume, so many that `divisor` divides the number of all."""
-        missing = -len(self.volumes) % divisor
+    def padded(self, count: int) -> "ModePoints":
+        """With points that have no volume, so many that there are `count`."""
+        missing = count - len(self.volumes)
         return ModePoints.of(
             self.material,
             jnp.pad(self.each_gradient, ((0, 0), (0, missing), (0, 0))),

@@ -9,9 +9,9 @@ the material is compressible at all.
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from softfuse.body.body import Body
+from softfuse.reduction.body_arrays import of_nodes, place_among
 from softfuse.reduction.chart import Chart
 from softfuse.reduction.mode_points import ModePoints
 from softfuse.reduction.reduced_body import ReducedBody
@@ -24,18 +24,16 @@ def project(body: Body, stiffness: RestStiffness, chart: Chart) -> ReducedBody:
     columns, watched = chart.basis.columns, chart.watched
     n = columns.shape[1]
     chosen = mode_points(body, chart.basis, chart.cubature.parts, chart.cubature.weights)
-    sample = tuple(each.padded(ReducedBody.parts) for each in chosen)
+    sample = tuple(each.padded(_in_parts(len(each.volumes))) for each in chosen)
     counted = sum(np.asarray(eqx.filter_jit(ModePoints.tangent)(each, jnp.zeros(n))) for each in sample)
-    shapes = _of_nodes(body, chart.basis.displacement)
-    seen = np.full(body.n_nodes, len(watched))
-    seen[watched] = np.arange(len(watched))
     return ReducedBody(
         rest=body.rest,
         tets=body.tets,
         pressure_unit=body.pressure_unit,
-        shapes=jnp.asarray(shapes),
-        seen=jnp.asarray(seen, jnp.int32),
-        seen_shapes=jnp.asarray(shapes[watched]),
+        modes=jnp.asarray(chart.basis.displacement),
+        index=body.displacement_index,
+        seen=place_among(watched, body.n_nodes, len(watched)),
+        seen_shapes=jnp.asarray(of_nodes(body, watched, chart.basis.displacement)),
         sample=sample,
         linear=jnp.asarray(columns.T @ (stiffness.whole @ columns) - counted),
         weight=jnp.asarray(columns.T @ np.asarray(body.weight)),
@@ -45,7 +43,6 @@ def project(body: Body, stiffness: RestStiffness, chart: Chart) -> ReducedBody:
     )
 
 
-def _of_nodes(body: Body, displacement: Float[np.ndarray, "u m"]) -> Float[np.ndarray, "k 3 m"]:
-    held = np.concatenate([displacement, np.zeros((1, displacement.shape[1]))])
-    index = np.minimum(np.asarray(body.displacement_index), len(displacement))
-    return held[index]
+def _in_parts(count: int) -> int:
+    """The least number, from `count` on and above 0, that the parts divide."""
+    return ReducedBody.parts * max(1, -(-count // ReducedBody.parts))

@@ -26,17 +26,18 @@ from softfuse.reduction.mode_points import ModePoints
 class ReducedBody(AbstractBody):
     """See the module; m of the n unknowns are displacement modes.
 
-    `shapes` (k, 3, m) [m]: the displacement modes at all nodes; `seen` (k,): the place of each watched node
-    in `seen_shapes` (w, 3, m) [m], w for nodes that nothing looks at; `sample`: the weighted points, those
-    of each material together, in numbers that `parts` divides; `linear` (n, n): K₀ − Σ w B_qᵀ s'(0) B_q;
-    `weight` (n,): g; `rest_volume` [m³]; `stiffness` [N/m]: of the body under a contact, by which energies
-    are told as forces.
+    `modes` (u, m) [m]: the displacement modes; `index` (k, 3): which of their rows each node's components
+    are, u or more for held ones; `seen` (k,): the place of each watched node in `seen_shapes` (w, 3, m) [m],
+    w for nodes that nothing looks at; `sample`: the weighted points, those of each material together, in
+    numbers that `parts` divides; `linear` (n, n): K₀ − Σ w B_qᵀ s'(0) B_q; `weight` (n,): g; `rest_volume`
+    [m³]; `stiffness` [N/m]: of the body under a contact, by which energies are told as forces.
     """
 
     rest: Float[Array, "k 3"]
     tets: Int[Array, "e a"]
     pressure_unit: Float[Array, ""]
-    shapes: Float[Array, "k 3 m"]
+    modes: Float[Array, "u m"]
+    index: Int[Array, "k 3"]
     seen: Int[Array, " k"]
     seen_shapes: Float[Array, "w 3 m"]
     sample: tuple[ModePoints, ...]
@@ -50,7 +51,7 @@ class ReducedBody(AbstractBody):
     @property
     def displacement_modes(self) -> int:
         """m: how many of the unknowns move nodes."""
-        return self.shapes.shape[2]
+        return self.modes.shape[1]
 
     @property
     def volume(self) -> Float[Array, ""]:
@@ -71,8 +72,8 @@ class ReducedBody(AbstractBody):
         return (self.linear + sum(points.tangent(z) for points in self.sample))[None]
 
     def tangent_part(self, z: Float[Array, " n"], number: Int[Array, ""]) -> Float[Array, "n n"]:
-        """What part `number` of the sample adds to K(z) (n, n), in the sample's own precision; all `parts` and
-        `linear` make K.
+        """What part `number` of the sample adds to K(z) (n, n), in the sample's own precision; all `parts`
+        and `linear` make K.
         """
         first, *others = (points.part(number, self.parts).tangent(z) for points in self.sample)
         return sum(others, start=first)
@@ -84,11 +85,19 @@ class ReducedBody(AbstractBody):
         parts = [points.tangent_action(z) for points in self.sample]
         return lambda directions: self.linear @ directions + sum(part(directions) for part in parts)
 
+    def truncation(self, z: Float[Array, " n"]) -> Float[Array, ""]:
+        """The last modes' part of the shape [-], by energy at rest: modes come in the order of what they are
+        needed for.
+        """
+        moved = z[: self.displacement_modes]
+        last = moved[-(-7 * len(moved) // 8) :]
+        return jnp.linalg.norm(last) / (jnp.linalg.norm(moved) + jnp.finfo(z.dtype).tiny)
+
     def rough(self) -> "ReducedBody":
         """With modes and sample, what is beyond the linear part, in single precision."""
         sample = tuple(points.single() for points in self.sample)
-        shapes, seen = (each.astype(jnp.float32) for each in (self.shapes, self.seen_shapes))
-        return replace(self, sample=sample, shapes=shapes, seen_shapes=seen)
+        modes, seen = (each.astype(jnp.float32) for each in (self.modes, self.seen_shapes))
+        return replace(self, sample=sample, modes=modes, seen_shapes=seen)
 
     def stiffened(
         self,
@@ -111,7 +120,8 @@ class ReducedBody(AbstractBody):
     def displacement(self, z: Float[Array, " n"]) -> Float[Array, "k 3"]:
         """Displacements (k, 3) m of all nodes."""
         m = self.displacement_modes
-        return (self.shapes.reshape(-1, m) @ z[:m].astype(self.shapes.dtype)).reshape(-1, 3)
+        free = self.modes @ z[:m].astype(self.modes.dtype)
+        return jnp.append(free, 0)[jnp.minimum(self.index, len(free))]
 
     def watched(self, z: Float[Array, " n"]) -> Float[Array, "k 3"]:
         """Displacements (k, 3) m of the nodes that loads and functionals look at, NaN of others."""

@@ -21,7 +21,7 @@ def mode_points(
     """Quadrature points of a body under the modes of a basis, those of each material together.
 
     `numbers` (c,): which, counted material by material in the order (q, e) of each; None for all. Their
-    volumes are multiplied by `weights` (c,) [-]; materials without any are left out.
+    volumes are multiplied by `weights` (c,) [-].
     """
     count = body.volumes.size
     numbers = np.arange(count) if numbers is None else numbers
@@ -33,18 +33,17 @@ def mode_points(
         own = (numbers >= first) & (numbers < first + region.volumes.size)
         at = numbers[own] - first
         first += region.volumes.size
-        if own.any():
-            pieces = [at[k : k + _AT_ONCE] for k in range(0, len(at), _AT_ONCE)]
-            gradients = [_gradients(region, moves, piece) for piece in pieces]
-            pressures = [_pressures(region, presses, body.n_displacements, piece) for piece in pieces]
-            points = ModePoints.of(
-                region.material,
-                jnp.asarray(np.concatenate(gradients, axis=1)),
-                jnp.asarray(np.concatenate(pressures)),
-                region.volumes.ravel()[at] * jnp.asarray(weights[own]),
-                body.element,
-            )
-            found.append(points)
+        pieces = [at[k : k + _AT_ONCE] for k in range(0, max(1, len(at)), _AT_ONCE)]
+        points = ModePoints.of(
+            region.material,
+            jnp.asarray(np.concatenate([_gradients(region, moves, each) for each in pieces], axis=1)),
+            jnp.asarray(
+                np.concatenate([_pressures(region, presses, body.n_displacements, each) for each in pieces])
+            ),
+            region.volumes.ravel()[at] * jnp.asarray(weights[own]),
+            body.element,
+        )
+        found.append(points)
     return tuple(found)
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from softfuse.body.body import Body
 from softfuse.equilibrium.linear_solver import AbstractLinearSolver
 from softfuse.errors import SolveError
-from softfuse.reduction.basis import Basis, basis_of
+from softfuse.reduction.basis import basis_of
 from softfuse.reduction.chart import Chart
 from softfuse.reduction.load_paths import LoadPath
 from softfuse.reduction.rest_stiffness import RestStiffness
@@ -61,7 +61,7 @@ def teach(
     basis = basis_of(
         stiffness, found.states, displacements=settings.displacements, pressures=settings.pressures
     )
-    amplitudes = amplitudes_of(found.states, basis, stiffness)
+    amplitudes = basis.amplitudes(found.states, stiffness)
     points = mode_points(body, basis)
     cubature = sampled(points, amplitudes, tolerance=settings.tolerance, most=settings.most_points)
     pushed = np.any([np.asarray(_pushed(loads_at, body, place)) for place in around], axis=0)
@@ -72,15 +72,6 @@ def teach(
         np.sqrt(np.mean(amplitudes**2, axis=0)),
         float(_softest(loads_at, linear, body, paths[0].place)),
     )
-
-
-def amplitudes_of(
-    states: Float[np.ndarray, "t n"], basis: Basis, stiffness: RestStiffness
-) -> Float[np.ndarray, "t r"]:
-    """Amplitudes (t, r) of the modes that come closest to states (t, n) of the full body."""
-    u = stiffness.n_displacements
-    moves = states[:, :u] @ (stiffness.displacement @ basis.displacement)
-    return np.concatenate([moves, states[:, u:] @ (stiffness.pressure @ basis.pressure)], axis=1)
 
 
 @eqx.filter_jit

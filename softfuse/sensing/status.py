@@ -20,6 +20,7 @@ class Status(StrEnum):
     location_unknown = "location unknown"
     outside = "outside workspace"
     force_limit = "force limit"
+    corrected = "full body used"
     lagging = "estimate lags"
     poor_fit = "poor fit"
     not_optimal = "optimum not reached"

@@ -21,9 +21,10 @@ from softfuse.material import MooneyRivlin, NeoHookean
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.tetmesh import tet_mesh
 from softfuse.reduction.basis import Basis
+from softfuse.reduction.cells import Cell
 from softfuse.reduction.chart import Chart
 from softfuse.reduction.cubature import Cubature
-from softfuse.reduction.load_paths import LoadPath, Square, pressed_square
+from softfuse.reduction.load_paths import LoadPath, presses
 from softfuse.reduction.projection import project
 from softfuse.reduction.reduced_body import ReducedBody
 from softfuse.reduction.rest_stiffness import RestStiffness, rest_stiffness
@@ -33,7 +34,7 @@ from softfuse.reduction.strained_points import mode_points
 from softfuse.reduction.teaching import ChartSettings, teach
 
 MM = 1e-3
-SQUARE = Square(np.array([-12 * MM, 2 * MM, 0.0]), np.eye(3)[:2], 4 * MM)
+CELL = Cell(np.array([-12 * MM, 2 * MM, 0.0]), np.array([4 * MM, 4 * MM]))
 """Places of the contact."""
 UNSEEN = [((-12.3 * MM, 3.1 * MM), 6.0), ((-9.3 * MM, 0.4 * MM), 7.5), ((-14.9 * MM, 5.2 * MM), 2.2)]
 """Places and forces [N] that nothing was taught on."""
@@ -77,8 +78,8 @@ def taught(device: Device, stiffness: RestStiffness) -> Taught:
         body,
         stiffness,
         device_loads(device),
-        pressed_square(SQUARE, 8.0, side=2, levels=3, near=6),
-        around=[jnp.asarray(place)[None] for place in SQUARE.grid(9)],
+        presses(CELL, 8.0, side=2, levels=3, near=6),
+        around=[jnp.asarray(place)[None] for place in CELL.grid(9)],
         settings=ChartSettings(displacements=45, pressures=18),
     )
     small = reduced_device(device, stiffness, chart)

@@ -1,0 +1,167 @@
+"""Frame after frame on reduced bodies, each good for contacts in its own cell, and on the full one elsewhere.
+
+What is pressed decides which chart is used. A state goes from body to body by its unknowns on the full mesh,
+u = U α there and α = Uᵀ A u back, with the stiffness A that modes are orthonormal in. Where contacts are not
+in one cell, or the chart's last modes say that those left out matter too (`AbstractBody.truncation`), the
+full body corrects the estimate and goes on, until a chart comes near enough to its state again.
+"""
+
+import logging
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from softfuse.body.body import Body
+from softfuse.equilibrium.solution import State
+from softfuse.errors import SoftfuseError
+from softfuse.estimation.atlas import Atlas
+from softfuse.estimation.estimator import DEFAULT_STEPS, Estimate, Estimator, StepSettings
+from softfuse.estimation.limits import Limits
+from softfuse.estimation.live_step import Ready
+from softfuse.estimation.step import Observation
+from softfuse.reduction.rest_stiffness import rest_stiffness
+
+log = logging.getLogger(__name__)
+
+_MOST_TRUNCATION = 0.05
+"""Of the reduced body's last modes: above it, the full body corrects."""
+_BACK = 0.7
+"""A chart that has been left is taken again below this part of what it was left at."""
+
+
+class ReducedEstimator:
+    """Follows the state of a device with an atlas through observations; compiled when made."""
+
+    def __init__(self, atlas: Atlas, limits: Limits, places: Array, settings: StepSettings = DEFAULT_STEPS):
+        """Compile the step for as many contacts as there are `places` (c, ...), wherever they are; the full
+        body's, and then all charts, are made ready meanwhile.
+
+        Raises SolveError as `Estimator` does, and SoftfuseError when the first chart cannot be read.
+        """
+        assert isinstance(atlas.full.body, Body)
+        self.device, self.limits, self._atlas = atlas.full, limits, atlas
+        self._stiffness = rest_stiffness(atlas.full.body)
+        self._small = Estimator(atlas.chart(0).device, limits, places, settings)
+        self.compile_s = self._small.compile_s
+        self._ready: dict[int, Ready | None] = {}
+        aside = ThreadPoolExecutor(1)
+        # Nobody waits for these before they are needed.
+        self._full: Future[Estimator] = aside.submit(Estimator, atlas.full, limits, places, settings)
+        for number in range(len(atlas.cells)):
+            aside.submit(self._of, number)
+        aside.shutdown(wait=False)
+        self._each = atlas.full.contact.drives
+        index = np.asarray(atlas.full.body.displacement_index)
+        self._index = np.minimum(index, atlas.full.body.n_displacements)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: the body rests, nothing presses."""
+        self._number: int | None = None
+        self._on_full = False
+
+    @property
+    def state(self) -> State:
+        """The full body's state after the last frame."""
+        if self._on_full:
+            return self._full.result().state
+        if self._number is None:
+            return self.device.rest_state(self._small.live.places)
+        return self._whole(self._number, self._small.state)
+
+    def displacement(self) -> Float[np.ndarray, "k 3"]:
+        """Displacements (k, 3) m of all nodes after the last frame."""
+        if self._on_full or self._number is None:
+            return np.asarray(self.device.body.displacement(self.state.z))
+        modes = self._atlas.chart(self._number).basis.displacement
+        amplitudes = np.asarray(self._small.state.z)[: modes.shape[1]].astype(modes.dtype)
+        return np.append(modes @ amplitudes, np.zeros(1, modes.dtype))[self._index]
+
+    def update(self, seen: Observation, limits: Limits | None = None) -> Estimate:
+        """Advance by one frame's observation within the limits of this frame; never raises for what they
+        contain.
+        """
+        started = time.perf_counter()
+        limits = self.limits if limits is None else limits
+        places = np.asarray(seen.places)
+        pressed = self._pressed(limits, len(places))
+        number = self._find(places[pressed])
+        found, before = None, None
+        if number is not None:
+            if pressed.any():
+                # Who does not press is anywhere, but has to be where the chart is.
+                places = np.where(pressed[:, None], places, places[pressed][0])
+            near = Observation.on_host(seen.reading, seen.weight, places)
+            if self._taken(number, near.places):
+                before = self._small.state
+                found = self._small.update(near, limits)
+        if found is None or found.lost or not found.report.truncation <= _MOST_TRUNCATION:
+            found = self._corrected(before or self._small.state, seen, limits)
+        return replace(found, latency_s=time.perf_counter() - started)
+
+    def _pressed(self, limits: Limits, contacts: int) -> Bool[np.ndarray, " c"]:
+        """Which contacts (c,) may have a force."""
+        upper = np.asarray(limits.upper)[: contacts * self._each]
+        return np.any((upper > 0).reshape(contacts, -1), axis=1)
+
+    def _find(self, places: Float[np.ndarray, "p 3"]) -> int | None:
+        """The chart for contacts at these places, None where there is none for all of them."""
+        cells = self._atlas.cells
+        found = {cells.find(place, self._number) for place in places}
+        if not found:
+            found = {self._number or 0}
+        number = found.pop() if len(found) == 1 else None
+        return number if number is None or self._of(number) else None
+
+    def _taken(self, number: int, places: Array) -> bool:
+        """Whether a chart is in use now: it is not taken up where the full body's state is far from it."""
+        if number == self._number and not self._on_full:
+            return True
+        state = None
+        if self._on_full or self._number is not None:
+            whole, basis = self.state, self._atlas.chart(number).basis
+            z = basis.amplitudes(np.asarray(whole.z), self._stiffness)
+            state = replace(whole, z=jax.device_put(z))
+            if self._on_full and not self._near(number, z, np.asarray(whole.z)):
+                return False
+        self._small.go_on(state, places, self._of(number))
+        self._number, self._on_full = number, False
+        return True
+
+    def _near(self, number: int, z: Float[np.ndarray, " r"], whole: Float[np.ndarray, " n"]) -> bool:
+        """Whether a chart at amplitudes z (r,) comes near enough to the full body's unknowns (n,)."""
+        kept = self._atlas.chart(number)
+        if not float(kept.device.body.truncation(jnp.asarray(z))) <= _BACK * _MOST_TRUNCATION:
+            return False
+        u = self._stiffness.n_displacements
+        missed, moved = (whole - kept.basis.states(z))[:u], whole[:u]
+        energies = [each @ (self._stiffness.displacement @ each) for each in (missed, moved)]
+        return bool(energies[0] <= (_BACK * _MOST_TRUNCATION) ** 2 * energies[1])
+
+    def _of(self, number: int) -> Ready | None:
+        """A chart, ready for live steps; None for one whose file is gone or damaged by now."""
+        if number not in self._ready:
+            try:
+                self._ready[number] = self._small.live.ready(self._atlas.chart(number).device)
+            except SoftfuseError as error:
+                log.warning("the full body is used there: %s", error)
+                self._ready[number] = None
+        return self._ready[number]
+
+    def _whole(self, number: int, state: State) -> State:
+        """The full body's state for that of a chart."""
+        # Unlike jnp.asarray, device_put compiles nothing.
+        return replace(state, z=jax.device_put(self._atlas.chart(number).basis.states(np.asarray(state.z))))
+
+    def _corrected(self, before: State, seen: Observation, limits: Limits) -> Estimate:
+        """The full body's estimate, from the state that the reduced one, if any, had before."""
+        full = self._full.result()
+        if not self._on_full:
+            full.go_on(None if self._number is None else self._whole(self._number, before), seen.places)
+            self._on_full = True
+        return replace(full.update(seen, limits), corrected=True)

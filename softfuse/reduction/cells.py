@@ -1,0 +1,75 @@
+"""A workspace cut into cells: one chart of a reduced body for each."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+_MARGIN = 0.05
+"""Of a cell: how far a place may leave it before another one is looked for."""
+
+
+class Cell(NamedTuple):
+    """Where the middle of one disc may be: up to `half` (2,) m along x and y from the `centre` (3,) m."""
+
+    centre: Float[np.ndarray, "3"]
+    half: Float[np.ndarray, "2"]
+
+    def at(self, coordinates: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 3"]:
+        """Places (..., 3) m of coordinates (..., 2), ±1 at the edges."""
+        return self.centre + (self.half * coordinates) @ np.eye(3)[:2]
+
+    def grid(self, side: int) -> Float[np.ndarray, "s 3"]:
+        """`side` x `side` places (s, 3) m evenly over the cell and a little around it, as far as a place may
+        be that is still taken to be in it.
+        """
+        return self.at((1 + 2 * _MARGIN) * pairs(np.linspace(-1, 1, side)))
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A workspace from `low` to `high` (x, y) [m] in so many equal cells along x and y, numbered along y
+    first.
+    """
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    counts: tuple[int, int]
+
+    @classmethod
+    def over(cls, low: tuple[float, float], high: tuple[float, float], edge: float) -> "Cells":
+        """Cells with no edge longer than so much [m]."""
+        size = np.subtract(high, low)
+        x, y = np.maximum(1, np.ceil(size / edge - 1e-9)).astype(int)
+        return cls(low, high, (int(x), int(y)))
+
+    def __len__(self) -> int:
+        return self.counts[0] * self.counts[1]
+
+    def __getitem__(self, number: int) -> Cell:
+        """A cell by its number; raises IndexError for one that there is not."""
+        if not 0 <= number < len(self):
+            raise IndexError(f"cell {number} of {len(self)}")
+        half = np.subtract(self.high, self.low) / np.array(self.counts) / 2
+        place = np.array(divmod(number, self.counts[1]))
+        return Cell(np.append(self.low + half * (2 * place + 1), 0.0), half)
+
+    def find(self, place: Float[np.ndarray, "3"], before: int | None = None) -> int | None:
+        """The cell that a place (3,) [m] is in, that of `before` while it is not clearly outside of it; None
+        where no cell is.
+        """
+        inside = (np.asarray(place)[:2] - self.low) / np.subtract(self.high, self.low) * self.counts
+        if before is not None:
+            middle = np.array(divmod(before, self.counts[1])) + 0.5
+            if np.all(np.abs(inside - middle) <= 0.5 + _MARGIN):
+                return before
+        if not np.all((inside >= -_MARGIN) & (inside <= np.array(self.counts) + _MARGIN)):
+            return None
+        x, y = np.clip(inside.astype(int), 0, np.array(self.counts) - 1)
+        return int(x * self.counts[1] + y)
+
+
+def pairs(steps: Float[np.ndarray, " k"]) -> Float[np.ndarray, "kk 2"]:
+    """All pairs (k k, 2) of some numbers (k,)."""
+    return np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)

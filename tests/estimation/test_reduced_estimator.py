@@ -1,0 +1,147 @@
+"""Estimates on charts: near the full body's, from cell to cell, and by the full body where there is none."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.body import Body
+from softfuse.errors import SoftfuseError, SolveError
+from softfuse.estimation.atlas import Atlas, AtlasFolder
+from softfuse.estimation.device import Device
+from softfuse.estimation.estimator import Estimator
+from softfuse.estimation.reduced_device import reduced_device
+from softfuse.estimation.reduced_estimator import ReducedEstimator
+from softfuse.estimation.step import Observation
+from softfuse.reduction.cells import Cells
+from softfuse.reduction.load_paths import presses
+from softfuse.reduction.rest_stiffness import rest_stiffness
+from softfuse.reduction.teaching import ChartSettings, teach
+
+MM = 1e-3
+CELLS = Cells.over((-16 * MM, -2 * MM), (-8 * MM, 2 * MM), 4 * MM)
+PATH = [(-14.5 + 0.13 * k, 0.5 + 0.01 * k, 1.0 + 0.1 * k) for k in range(40)]
+"""x, y [mm] and force [N] of a contact that goes from one cell to the next."""
+
+
+@pytest.fixture(scope="module")
+def folder(device: Device, tmp_path_factory: pytest.TempPathFactory) -> AtlasFolder:
+    """The charts of the small device."""
+    assert isinstance(device.body, Body)
+    stiffness = rest_stiffness(device.body)
+    folder = AtlasFolder(tmp_path_factory.mktemp("charts"), "small device")
+
+    def loads_at(body, places):
+        return replace(device, body=body).loads(places)
+
+    for number, cell in enumerate(CELLS):
+        chart = teach(
+            device.linear,
+            device.body,
+            stiffness,
+            loads_at,
+            presses(cell, 6.0, side=2, levels=3, near=6),
+            around=[jnp.asarray(place)[None] for place in cell.grid(9)],
+            settings=ChartSettings(displacements=40, pressures=16),
+        )
+        folder.write(number, reduced_device(device, stiffness, chart), chart.basis)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def estimator(device: Device, folder: AtlasFolder, one) -> ReducedEstimator:
+    return ReducedEstimator(Atlas(device, CELLS, folder), one, jnp.zeros((1, 3)))
+
+
+@pytest.fixture(scope="module")
+def full(device: Device, one) -> Estimator:
+    return Estimator(device, one, jnp.zeros((1, 3)))
+
+
+def seen_at(device: Device, volumes_under, x: float, y: float, force: float) -> Observation:
+    """The volumes of an equilibrium, x, y in mm."""
+    place = jnp.array([[x * MM, y * MM, 0.0]])
+    return Observation(volumes_under(device, place, jnp.array([force])), jnp.full(2, 1e9), place)
+
+
+def test_it_follows_a_contact_from_cell_to_cell_as_the_full_body_does(
+    device, estimator, full, volumes_under
+) -> None:
+    frames = [seen_at(device, volumes_under, *at) for at in PATH]
+    estimator.reset()
+    full.reset()
+    missed = []
+    for (_, _, force), seen in zip(PATH, frames, strict=True):
+        found, exact = estimator.update(seen), full.update(seen)
+        assert not found.corrected and not found.lost
+        assert found.drive[0] == pytest.approx(force, rel=0.02)
+        shape, wanted = (np.asarray(device.body.displacement(e.state.z)) for e in (estimator, full))
+        missed.append(np.abs(shape - wanted).max() / np.abs(wanted).max())
+        assert exact.drive[0] == pytest.approx(found.drive[0], rel=0.02)
+    assert np.percentile(missed, 95) < 0.02
+
+
+def test_where_there_is_no_chart_the_full_body_goes_on(device, estimator, full, volumes_under) -> None:
+    estimator.reset()
+    outside = [seen_at(device, volumes_under, x, 0.0, 4.0) for x in (-10.0, -8.5, -6.0, -6.0, -6.0)]
+    found = [estimator.update(seen) for seen in outside]
+    assert [e.corrected for e in found] == [False, False, True, True, True]
+    full.reset()
+    wanted = [full.update(seen) for seen in outside][-1]
+    np.testing.assert_allclose(found[-1].drive, wanted.drive, rtol=1e-4)
+    np.testing.assert_allclose(estimator.state.z, full.state.z, atol=1e-3 * np.abs(full.state.z).max())
+    inside = [estimator.update(seen_at(device, volumes_under, -9.0, 0.0, 4.0)) for _ in range(6)]
+    assert not inside[-1].corrected
+    assert inside[-1].drive[0] == pytest.approx(4.0, rel=0.02)
+
+
+def test_nothing_is_compiled_while_charts_are_changed(device, estimator, volumes_under) -> None:
+    frames = [seen_at(device, volumes_under, *at) for at in PATH]
+    estimator.reset()
+    estimator.update(frames[0])
+    events: list[str] = []
+    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: events.append(name))
+    try:
+        for _ in range(3):
+            for seen in frames:
+                estimator.update(seen)
+        assert [name for name in events if "compile" in name or "trace" in name] == []
+    finally:
+        jax.monitoring.clear_event_listeners()
+
+
+def test_a_reset_forgets(device, estimator, volumes_under) -> None:
+    frames = [seen_at(device, volumes_under, *at) for at in PATH[:8]]
+    estimator.reset()
+    first = [estimator.update(seen).drive[0] for seen in frames]
+    estimator.update(seen_at(device, volumes_under, -6.0, 0.0, 4.0))
+    estimator.reset()
+    assert float(np.abs(estimator.state.z).max()) == 0.0
+    assert [estimator.update(seen).drive[0] for seen in frames] == first
+
+
+def test_a_device_of_another_structure_is_refused(device, full) -> None:
+    other = replace(device, sensors=device.sensors[:1])
+    with pytest.raises(SolveError, match="another structure"):
+        full.live.ready(other)
+
+
+def test_charts_that_are_missing_damaged_or_of_another_device_are_told(
+    device, folder: AtlasFolder, tmp_path: Path
+) -> None:
+    copy = AtlasFolder(tmp_path, folder.mark)
+    for number in range(len(CELLS)):
+        copy.file(number).write_bytes(folder.file(number).read_bytes())
+    Atlas(device, CELLS, copy)
+    with pytest.raises(SoftfuseError, match="another device"):
+        Atlas(device, CELLS, AtlasFolder(tmp_path, "another"))
+    whole = copy.file(1).read_bytes()
+    copy.file(1).write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(SoftfuseError, match="damaged"):
+        Atlas(device, CELLS, copy)
+    copy.file(1).unlink()
+    with pytest.raises(SoftfuseError, match="1 of 2 charts are missing"):
+        Atlas(device, CELLS, copy)
