@@ -1,121 +1,143 @@
-"""How near a reduced pad is to the full one, and how much faster.
+"""How near the reduced pad is to the full one, wherever it is pressed, and how long its frames take.
 
-    .venv/bin/python benchmarks/reduced_pad.py [--out FOLDER] [--cases N] [--frames N]
+    .venv/bin/softfuse reduce configs/pad.toml --out out/charts
+    .venv/bin/python benchmarks/reduced_pad.py configs/pad.toml --charts out/charts [--cases N] [--frames N]
 
-The pad of configs/pad.toml is reduced for contacts in a square of 8 mm, from nine presses up to the
-largest force and from what is near them. Then random presses inside it, of random force, are solved with
-the full and the reduced body: errors are the largest of any node's displacement component and of any cavity's
-volume, relative to the largest. Last, both follow a force that rises and falls, one estimate a frame, in
-turns in one run. Printed and written to reduced_pad.json.
+Random presses in the workspace, of random force, are solved with the full body and with the chart of their
+cell: errors are the largest of any node's displacement component and of any cavity's volume, relative to the
+largest. Then a contact wanders through the cells at 100 mm/s, a thousand frames a second, while its force
+rises and falls: each frame is estimated, and the shape of all nodes found. Volumes are those of the full
+body, solved every 2 mm and interpolated. The full body's estimate of some of these frames is timed beside.
+Pin it to a core, `NPROC=1 taskset -c 0`, to see what one core does. Printed, and written to
+reduced_pad.json.
 """
 
 import argparse
 import json
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from softfuse.body.body import Body
+from softfuse.cli.computing import prepare_jax
 from softfuse.config import load
 from softfuse.config.build_device import build_device, build_limits
+from softfuse.config.build_reduction import build_cells, with_charts
+from softfuse.config.device import DeviceConfig
+from softfuse.estimation.atlas import Atlas
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.estimator import Estimator
-from softfuse.estimation.reduced_device import reduced_device
+from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation
-from softfuse.reduction.chart import Chart
-from softfuse.reduction.load_paths import Square, pressed_square
-from softfuse.reduction.rest_stiffness import RestStiffness, rest_stiffness
-from softfuse.reduction.teaching import ChartSettings, teach
 
-CONFIG = Path(__file__).parents[1] / "configs" / "pad.toml"
-SQUARE = Square(np.array([4e-3, 4e-3, 0.0]), np.eye(3)[:2], 4e-3)
-"""Where the places are."""
+APART_M, PER_FRAME_M = 2e-3, 1e-4
 
 
-def taught(device: Device, stiffness: RestStiffness, largest: float, settings: ChartSettings) -> Chart:
-    """The chart of the square, from presses up to a force [N]."""
-    assert isinstance(device.body, Body)
-    return teach(
-        device.linear,
-        device.body,
-        stiffness,
-        lambda body, place: replace(device, body=body).loads(place),
-        pressed_square(SQUARE, largest),
-        around=[jnp.asarray(place)[None] for place in SQUARE.grid(11)],
-        settings=settings,
-    )
-
-
-def errors(full: Device, small: Device, cases: int, largest: float) -> dict[str, list[float]]:
-    """Percentiles 50, 95, 100 of the errors [%] of displacements and volumes at random presses."""
+def errors(device: Device, atlas: Atlas, cases: int, largest: float) -> dict[str, list[float]]:
+    """Percentiles 50, 95, 100 of the errors [%] of displacements and volumes at random presses, and of the
+    truncation [%] that the chart itself tells.
+    """
     random = np.random.default_rng(7)
     missed = []
     for _ in range(cases):
-        place = jnp.asarray(SQUARE.at(random.uniform(-1, 1, 2)))[None]
+        place = np.append(random.uniform(atlas.cells.low, atlas.cells.high), 0.0)
         drive = jnp.array([random.uniform(0.02 * largest, largest)])
-        exact, found = (simulate(device, place, drive).state for device in (full, small))
-        each = []
+        number = atlas.cells.find(place)
+        assert number is not None
+        small, at = atlas.chart(number).device, jnp.asarray(place)[None]
+        exact, found = (simulate(each, at, drive).state for each in (device, small))
+        each = [100 * float(small.body.truncation(found.z))]
         for of in (lambda d, s: d.body.displacement(s.z), lambda d, s: d.reading(s)):
-            wanted, got = np.asarray(of(full, exact)), np.asarray(of(small, found))
+            wanted, got = np.asarray(of(device, exact)), np.asarray(of(small, found))
             each.append(100 * np.max(np.abs(got - wanted)) / np.max(np.abs(wanted)))
         missed.append(each)
-    keys = ("displacement_%", "volume_%")
+    keys = ("truncation_%", "displacement_%", "volume_%")
     columns = zip(keys, np.transpose(missed), strict=True)
     return {key: np.percentile(column, [50, 95, 100]).tolist() for key, column in columns}
 
 
-def step_times(full: Device, small: Device, frames: int, largest: float) -> dict[str, list[float]]:
-    """Latencies [ms] of a frame, 50 and 99 %, and by how much their forces differ at most [N]."""
-    limits, place = build_limits(load(CONFIG), 1), jnp.asarray(SQUARE.grid(2)[1])[None]
-    at = simulate(full, place, jnp.array([0.4 * largest])).state
-    reading = np.asarray(full.reading(at))
-    both = {"full": Estimator(full, limits, place), "reduced": Estimator(small, limits, place)}
-    taken: dict[str, list[float]] = {name: [] for name in both}
-    apart = 0.0
-    for k in range(frames + 20):
-        seen = Observation(
-            jnp.asarray(reading * (1 + 0.3 * np.sin(k / 15))), jnp.full(len(reading), 1e9), place
-        )
-        force = {}
-        for name, estimator in both.items():
-            started = time.perf_counter()
-            force[name] = estimator.update(seen).drive[0]
-            taken[name].append(1e3 * (time.perf_counter() - started))
-        apart = max(apart, abs(force["full"] - force["reduced"])) if k >= 20 else 0.0
-    times = {f"{name}_ms": np.percentile(each[20:], [50, 99]).tolist() for name, each in taken.items()}
-    return {**times, "apart_N": [apart]}
+def wandering(atlas: Atlas, frames: int, largest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Places (f, 3) m and forces (f,) N: through the workspace on a winding path."""
+    length = PER_FRAME_M * np.arange(frames)
+    low, high = np.array(atlas.cells.low), np.array(atlas.cells.high)
+    middle, half = (low + high) / 2, (high - low) / 2
+    x = middle[0] + 0.95 * half[0] * np.sin(length / 0.031)
+    y = middle[1] + 0.95 * half[1] * np.sin(length / 0.043 + 1.0)
+    return np.stack([x, y, 0 * x], axis=1), largest * (0.3 + 0.2 * np.sin(length / 0.012))
+
+
+def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int) -> dict[str, object]:
+    """Latencies [ms] of estimate, shape and both, 50 and 99 %; how often programs were traced or compiled,
+    and the full body asked; by how much forces were off; and the full body's latencies.
+    """
+    assert config.contact is not None
+    places, forces = wandering(atlas, frames, config.contact.max_force)
+    every = round(APART_M / PER_FRAME_M)
+    solved = [
+        device.reading(simulate(device, jnp.asarray(place)[None], jnp.array([force])).state)
+        for place, force in zip(places[::every], forces[::every], strict=True)
+    ]
+    known = np.arange(frames)[::every]
+    readings = np.stack([np.interp(np.arange(frames), known, each) for each in np.transpose(solved)], axis=1)
+    limits, none = build_limits(config, 1), jnp.zeros((1, 3))
+    sigma = np.full(readings.shape[1], 1e9)
+    seen = [Observation.on_host(r, sigma, p[None]) for r, p in zip(readings, places, strict=True)]
+    full, small = Estimator(device, limits, none), ReducedEstimator(atlas, limits, none)
+    for number in range(len(atlas.cells)):
+        # As after some seconds of running: all charts have been read.
+        small.update(seen[0]._replace(places=atlas.cells[number].centre[None]))
+    small.reset()
+    small.update(seen[0])
+    events: list[str] = []
+    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: events.append(name))
+    taken, off, corrected = [], [], 0
+    for each, force in zip(seen, forces, strict=True):
+        began = time.perf_counter()
+        found = small.update(each)
+        estimated = time.perf_counter()
+        small.displacement()
+        taken.append((estimated - began, time.perf_counter() - estimated))
+        off.append(abs(found.drive[0] - force))
+        corrected += found.corrected
+    compiled = sum("compile" in name or "trace" in name for name in events)
+    jax.monitoring.clear_event_listeners()
+    beside = [full.update(each).latency_s for each in seen[:200]]
+    estimate, shape = 1e3 * np.transpose(taken)
+    return {
+        "estimate_ms": np.percentile(estimate, [50, 99]).tolist(),
+        "shape_ms": np.percentile(shape, [50, 99]).tolist(),
+        "frame_ms": np.percentile(estimate + shape, [50, 99]).tolist(),
+        "traced_or_compiled": compiled,
+        "corrected_%": 100 * corrected / frames,
+        "force_off_N": np.percentile(off, [50, 95, 100]).tolist(),
+        "full_ms": (1e3 * np.percentile(beside, [50, 99])).tolist(),
+    }
 
 
 def main() -> None:
-    """Reduce, compare, print, write JSON."""
-    jax.config.update("jax_enable_x64", True)
+    """Compare, time, print, write JSON."""
+    prepare_jax()
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("config", type=Path)
+    parser.add_argument("--charts", type=Path, required=True)
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--cases", type=int, default=100)
-    parser.add_argument("--frames", type=int, default=300)
+    parser.add_argument("--frames", type=int, default=20_000)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    config = load(CONFIG)
-    full, largest = build_device(config), float(config.contact.max_force)
-    started = time.perf_counter()
-    assert isinstance(full.body, Body)
-    stiffness = rest_stiffness(full.body)
-    made = taught(full, stiffness, largest, ChartSettings())
-    small = reduced_device(full, stiffness, made)
-    built_s = time.perf_counter() - started
+    config = load(given.config)
+    assert config.contact is not None
+    device = build_device(config)
+    atlas = with_charts(config, device, given.charts)
+    assert isinstance(atlas, Atlas)
     row: dict[str, object] = {
-        "full_unknowns": full.body.n,
-        "full_points": full.body.volumes.size,
-        "displacement_modes": made.basis.displacement.shape[1],
-        "pressure_modes": made.basis.pressure.shape[1],
-        "points": len(made.cubature.parts),
-        "built_s": built_s,
-        **errors(full, small, given.cases, largest),
-        **step_times(full, small, given.frames, largest),
+        "charts": len(build_cells(config)),
+        "full_unknowns": device.body.n,
+        "reduced_unknowns": atlas.chart(0).device.body.n,
+        **errors(device, atlas, given.cases, config.contact.max_force),
+        **frame_times(device, atlas, config, given.frames),
     }
     for key, value in row.items():
         print(f"{key:>20} {np.array2string(np.asarray(value), precision=3)}", flush=True)
