@@ -1,9 +1,7 @@
-"""The charts of a device: for each cell of the workspace a reduced device, read when a contact gets there."""
+"""The charts of a device: for each cell of the workspace a reduced device, read when it is asked for."""
 
-from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
 
 import numpy as np
 
@@ -12,9 +10,6 @@ from softfuse.estimation.device import Device
 from softfuse.estimation.kept_device import Kept, Sizes, kept_sizes, read_device, write_device
 from softfuse.reduction.basis import Basis
 from softfuse.reduction.cells import Cells
-
-_IN_MEMORY = 256
-"""Charts; one of the pad takes 5 MB."""
 
 
 @dataclass(frozen=True)
@@ -54,18 +49,11 @@ class Atlas:
         sizes = [kept_sizes(folder.file(number), folder.mark) for number in range(len(cells))]
         points = np.max([each.points for each in sizes], axis=0)
         self._sizes = Sizes(tuple(map(int, points)), max(each.watched for each in sizes))
-        self._kept: OrderedDict[int, Kept] = OrderedDict()
-        self._lock = Lock()
+        self._kept: dict[int, Kept] = {}
 
     def chart(self, number: int) -> Kept:
         """The chart of a cell. Raises SoftfuseError when its file is gone or damaged."""
-        with self._lock:
-            kept = self._kept.get(number)
-        if kept is None:
-            kept = read_device(self._folder.file(number), self._folder.mark, self.full, self._sizes)
-        with self._lock:
-            self._kept[number] = kept
-            self._kept.move_to_end(number)
-            if len(self._kept) > _IN_MEMORY:
-                self._kept.popitem(last=False)
-        return kept
+        if number not in self._kept:
+            file, mark = self._folder.file(number), self._folder.mark
+            self._kept[number] = read_device(file, mark, self.full, self._sizes)
+        return self._kept[number]
