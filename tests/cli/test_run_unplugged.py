@@ -60,8 +60,8 @@ def recorded(
             ports.append(port_of(number, Programme(1.0, names, readings, {}), rate_Hz, drift))
         device = VirtualDevice(ports, RealTime(), outages=Outages(AWAY_S, EVERY_S, powered))
 
-        def estimating_then_plugged(config: DeviceConfig) -> Estimating:
-            parts = estimating(config)
+        def estimating_then_plugged(config: DeviceConfig, charts: Path | None) -> Estimating:
+            parts = estimating(config, charts)
             device.start()  # compiling would take until after the first outage
             return parts
 

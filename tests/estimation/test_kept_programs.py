@@ -56,7 +56,7 @@ def pressed(device: Device, one: Limits, settings: StepSettings = DEFAULT_STEPS)
     for part in np.linspace(0, 1, 12):
         seen = Observation(part * jnp.array([-1e-8, -4e-7]), jnp.full(2, 1e9), AT)
         estimate = following.update(seen)
-        found += map(np.asarray, [estimate.drive, following.state.z, *jax.tree.leaves(estimate.report)])
+        found += map(np.asarray, [*jax.tree.leaves(estimate.report), following.state.z, estimate.drive])
     return found
 
 
@@ -77,7 +77,7 @@ def test_a_kept_program_gives_the_same_bits_and_is_not_traced(plain_device, one,
     finally:
         jax.config.update("jax_enable_compilation_cache", True)
     assert traced
-    assert np.abs(fresh[-1]).max() > 0 and np.abs(fresh[-8]).max() > 0
+    assert np.abs(fresh[-1]).max() > 0 and np.abs(fresh[-2]).max() > 0
     assert same_bits(fresh, kept)
     assert same_bits(fresh, compiled)
 
