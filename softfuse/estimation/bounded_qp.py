@@ -1,24 +1,24 @@
 """min ½ xᵀQx − bᵀx subject to lower ≤ x ≤ upper and low ≤ A x ≤ high, for a few unknowns (Navarro et al.
 2020, eqs. 9 and 10).
 
-jaxopt's BoxOSQP finds the active bounds on the problem with unit diagonal and rows of unit length; active-set
-steps from there correct what its tolerance left open, and the last of them, a direct solve, is what gets
-differentiated. The KKT residual says how far the result is from optimal, in units of x. This is the only file
-that knows jaxopt.
+On the problem with unit diagonal and rows of unit length active-set steps find the active bounds, from none
+where a few of them do, else from those that jaxopt's BoxOSQP says, and correct what its tolerance left open.
+The last of them, a direct solve, is what gets differentiated. The KKT residual says how far the result is
+from optimal, in units of x. This is the only file that knows jaxopt.
 """
 
 import warnings
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 _NO_BOUND = 1e15  # of a scaled unknown: stands for an infinite bound
 _ROUNDING = 1e-10  # by which a row may miss its bound
-_MAX_CHANGES = 30
+_MAX_CHANGES, _FEW_CHANGES = 30, 4
 _DEPENDENT = 1e-13  # active rows that say the same share their multiplier
 
 
@@ -33,6 +33,15 @@ class Rows(eqx.Module):
     def none(cls, n: int) -> "Rows":
         """No rows on n unknowns."""
         return cls(jnp.zeros((0, n)), jnp.zeros(0), jnp.zeros(0))
+
+
+class _Search(NamedTuple):
+    """Which rows (m,) are taken to be active, whether that changed last, and how often it was looked at."""
+
+    at_low: Bool[Array, " m"]
+    at_high: Bool[Array, " m"]
+    changed: Bool[Array, ""]
+    count: Int[Array, ""]
 
 
 def kkt_residual(
@@ -120,20 +129,27 @@ def _solver() -> Any:
 def _active(q: Array, b: Array, matrix: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """Which of the rows (m,) sit on their lower and on their upper bound; both for equalities."""
     low, high = jnp.maximum(low, -_NO_BOUND), jnp.minimum(high, _NO_BOUND)
-    found = _solver().run(params_obj=(q, -b), params_eq=matrix, params_ineq=(low, high)).params
-    value = found.primal[1]
-    up, down = found.dual_ineq
     equal = low == high
 
-    def update(carry):
-        (at_low, at_high), _, count = carry
-        x, y = _held(q, b, matrix, low, high, at_low, at_high)
+    def update(carry: _Search) -> _Search:
+        x, y = _held(q, b, matrix, low, high, carry.at_low, carry.at_high)
         value = matrix @ x
-        on_low = equal | jnp.where(at_low, y < 0, value < low - _ROUNDING * (1 + jnp.abs(low)))
-        on_high = equal | jnp.where(at_high, y > 0, value > high + _ROUNDING * (1 + jnp.abs(high)))
-        changed = jnp.any((on_low != at_low) | (on_high != at_high))
-        return (on_low, on_high), changed, count + 1
+        on_low = equal | jnp.where(carry.at_low, y < 0, value < low - _ROUNDING * (1 + jnp.abs(low)))
+        on_high = equal | jnp.where(carry.at_high, y > 0, value > high + _ROUNDING * (1 + jnp.abs(high)))
+        changed = jnp.any((on_low != carry.at_low) | (on_high != carry.at_high))
+        return _Search(on_low, on_high, changed, carry.count + 1)
 
-    first = (equal | (down > value - low), equal | (up > high - value))
-    last = jax.lax.while_loop(lambda c: c[1] & (c[2] < _MAX_CHANGES), update, (first, jnp.array(True), 0))
-    return last[0]
+    def searched(at_low: Array, at_high: Array, most: int) -> _Search:
+        first = _Search(at_low, at_high, jnp.array(True), jnp.array(0))
+        return jax.lax.while_loop(lambda at: at.changed & (at.count < most), update, first)
+
+    def with_guess() -> _Search:
+        found = _solver().run(params_obj=(q, -b), params_eq=matrix, params_ineq=(low, high)).params
+        value = found.primal[1]
+        up, down = found.dual_ineq
+        return searched(equal | (down > value - low), equal | (up > high - value), _MAX_CHANGES)
+
+    # What an active set that does not change any more says are the conditions of optimality.
+    near = searched(equal, equal, _FEW_CHANGES)
+    last = jax.lax.cond(near.changed, with_guess, lambda: near)
+    return last.at_low, last.at_high

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from softfuse.estimation import bounded_qp
 from softfuse.estimation.bounded_qp import Rows, kkt_residual, solve_bounded_qp
 
 
@@ -72,6 +73,17 @@ def test_with_rows_it_agrees_with_daqp(seed: int, n: int, m: int) -> None:
     np.testing.assert_allclose(np.asarray(x) / scale, exact, rtol=1e-8, atol=1e-8)
     np.testing.assert_allclose(rows.matrix[0] @ x, rows.low[0], rtol=0, atol=1e-10)
     assert float(kkt) < 1e-8 * float(np.max(np.abs(x)) + 1)
+
+
+def test_from_boxosqps_guess_it_comes_to_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+    for few in (bounded_qp._FEW_CHANGES, 0):
+        monkeypatch.setattr(bounded_qp, "_FEW_CHANGES", few)
+        # A function of its own, or JAX would take what was traced with the other number.
+        solve = jax.jit(lambda *given: solve_bounded_qp(*given))
+        problems = [(*map(jnp.asarray, _problem(seed, 4)), _rows(seed, 4, 2)) for seed in range(12)]
+        found.append(np.array([solve(*problem)[0] for problem in problems]))
+    np.testing.assert_allclose(*found, rtol=1e-9, atol=1e-9)
 
 
 def test_bounds_that_contradict_each_other_leave_a_residual() -> None:
