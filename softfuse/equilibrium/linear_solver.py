@@ -37,11 +37,11 @@ class AbstractLinearSolver(eqx.Module):
         """Solution (n, c) for right-hand sides (n, c)."""
 
     @property
-    def renews(self) -> bool:
-        """Whether `renewed` does anything: if so, a live step refines nothing and takes what that returns to
-        the next frame.
+    def renew_every(self) -> int:
+        """After how many frames `renewed` is asked for the next factor, 0: never. Where it is, live steps
+        refine nothing.
         """
-        return False
+        return 0
 
     def renewed(self, factor: PyTree[Array], body: AbstractBody, loads: Loads, state: State) -> PyTree[Array]:
         """A factor of a tangent, brought a little nearer to that of a body and its loads in a state."""

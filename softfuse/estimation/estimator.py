@@ -3,8 +3,8 @@
 The two jitted pieces, sensors and `LiveStep`, are compiled ahead and never again, at the next start not even
 traced (`kept_programs`). Between frames this file decides whether the factor of the tangent is renewed:
 when the step found that a refinement shrinks the error of its linear solves by less than
-`refresh_contraction`. A solver that renews its factor by itself, a little in every frame, is not asked:
-its steps refine nothing. While nothing touches, the body rests and the factor at rest serves. Only compiling
+`refresh_contraction`. A solver whose factor is renewed a little every few frames is not asked: its steps
+refine nothing. While nothing touches, the body rests and the factor at rest serves. Only compiling
 is threaded here; `hardware` does the rest.
 """
 
@@ -87,7 +87,7 @@ class Estimator:
 
     def reset(self) -> None:
         """Forget the past: the body rests, nothing presses."""
-        self._carried, self._renew = self._ready.rest, False
+        self._carried, self._renew, self._frames = self._ready.rest, False, 0
 
     @property
     def state(self) -> State:
@@ -127,6 +127,9 @@ class Estimator:
         if lost:
             self.reset()
         else:
+            self._frames += 1
+            if self.live.renew_every and self._frames % self.live.renew_every == 0:
+                carried = self.live.renew(self._ready, carried, seen.places)
             self._carried = carried
         return Estimate(
             np.asarray(self.state.drive if lost else told.drive),

@@ -44,19 +44,21 @@ class Stepped(NamedTuple):
 
 
 class _After(NamedTuple):
-    """What a step's program returns; `factor`: a new one, None where there is none."""
+    """What a step's program returns."""
 
     state: State
-    factor: PyTree[Array] | None
     resistance: Float[Array, " n"]
     told: Packed
 
 
 class Ready(NamedTuple):
-    """A device as the compiled programs want it: its arrays, the step of it, and how it rests."""
+    """A device as the compiled programs want it: its arrays, the step of it, how its factor is renewed where
+    that is done a little at a time, and how it rests.
+    """
 
     arrays: Device
     step: Callable[[Carried, Packed], _After]
+    renew: Callable[[Carried, Array], PyTree[Array]] | None
     rest: Carried
 
 
@@ -76,22 +78,23 @@ def _stepped(
     static, refinements, frames, reports = fixed
     device = eqx.combine(arrays, static)
     limits, seen = frames.unpack(frame)
-    renews = device.linear.renews
     after, report = estimate_step(
         device,
         limits,
         carried.factor,
         carried.state,
         seen,
-        refinements=0 if renews else refinements,
+        refinements=refinements,
         resistance=carried.resistance,
     )
-    # What is not new is not returned: it would be copied.
-    factor = None
-    if renews:
-        factor = device.linear.renewed(carried.factor, device.body, device.loads(seen.places), after)
     told = reports.pack(Stepped(after.drive, report))
-    return _After(after, factor, device.body.residual(after.z), told)
+    # What is not new is not returned: it would be copied.
+    return _After(after, device.body.residual(after.z), told)
+
+
+def _renewed(static: Device, arrays: Device, carried: Carried, places: Array) -> PyTree[Array]:
+    device = eqx.combine(arrays, static)
+    return device.linear.renewed(carried.factor, device.body, device.loads(places), carried.state)
 
 
 class LiveStep:
@@ -118,13 +121,17 @@ class LiveStep:
         self._frames = Packing.of((limits, Observation(readings, readings, places)))
         self._reports = Packing.of(_report_like(device, rest))
         begun = lowered(_begun, static, arrays, rest, places)
-        fixed = static, refinements, self._frames, self._reports
+        self.renew_every = static.linear.renew_every
+        fixed = static, 0 if self.renew_every else refinements, self._frames, self._reports
         frame = self._frames.vectors
         # XLA compiles one program on another thread while the other is traced and compiled on this one.
         with ThreadPoolExecutor(1) as aside:
             first = aside.submit(begun.compile)
             self._step = lowered(_stepped, fixed, arrays, begun.result, frame).compile()
             self._begun = first.result()
+        self._renewed = None
+        if self.renew_every:
+            self._renewed = lowered(_renewed, static, arrays, begun.result, places).compile()
         self.first = self._ready(arrays, rest)
         self.compile_s = time.perf_counter() - started
 
@@ -147,9 +154,12 @@ class LiveStep:
     ) -> tuple[Carried, Stepped]:
         """One step; waits for it."""
         after = ready.step(carried, self._frames.pack((limits, seen), np))
-        factor = carried.factor if after.factor is None else after.factor
         told = self._reports.unpack({kind: np.asarray(vector) for kind, vector in after.told.items()})
-        return Carried(after.state, factor, after.resistance), told
+        return Carried(after.state, carried.factor, after.resistance), told
+
+    def renew(self, ready: Ready, carried: Carried, places: Array) -> Carried:
+        """What is carried, with the factor renewed a little; as it is where that is not how it is done."""
+        return carried if ready.renew is None else carried._replace(factor=ready.renew(carried, places))
 
     def _ready(self, arrays: Device, rest: State) -> Ready:
         carried = self._begun(arrays, rest, self.places)
@@ -157,7 +167,8 @@ class LiveStep:
             raise SolveError(
                 "the body's stiffness at rest is singular: fix more nodes, or mend materials and mesh"
             )
-        return Ready(arrays, self._step.bound(arrays), carried)
+        renew = None if self._renewed is None else self._renewed.bound(arrays)
+        return Ready(arrays, self._step.bound(arrays), renew, carried)
 
 
 def _split(device: Device) -> tuple[Device, Device]:

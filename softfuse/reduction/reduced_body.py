@@ -46,7 +46,7 @@ class ReducedBody(AbstractBody):
     rest_volume: Float[Array, ""]
     stiffness: Float[Array, ""]
     n: int = eqx.field(static=True)
-    parts: int = eqx.field(static=True, default=16)
+    parts: int = eqx.field(static=True, default=4)
 
     @property
     def displacement_modes(self) -> int:

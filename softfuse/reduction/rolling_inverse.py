@@ -1,9 +1,10 @@
-"""The inverse of a reduced body's tangent, renewed a little in every frame.
+"""The inverse of a reduced body's tangent, renewed a little every few frames.
 
 A tangent costs ten times what a step may take, for it is a sum over all points of what each says about every
-pair of modes; and its inverse another. Each frame therefore adds a part of the points, as the body is then;
-after the last part the sum is inverted and the next begins. The step solves for what is out of balance, so
-what an inverse is behind by makes it converge a little slower and moves no equilibrium.
+pair of modes; and its inverse another. Every few frames therefore a part of the points is added, as the body
+is then; after the last part the sum is inverted and the next begins. Seldom, and much of it, so that most
+frames have nothing of it to do and none has all. The step solves for what is out of balance, so what an
+inverse is behind by makes it converge a little slower and moves no equilibrium.
 """
 
 from typing import NamedTuple
@@ -20,6 +21,11 @@ from softfuse.equilibrium.load import Loads
 from softfuse.equilibrium.solution import State
 from softfuse.reduction.reduced_body import ReducedBody
 
+_FRAMES = 16
+"""In which all points are added: a contact on the pad that moves by 0.75 mm a frame loses 0.3 % of its force
+by that.
+"""
+
 
 class RollingTangent(NamedTuple):
     """K⁻¹ (n, n), the sum (n, n) of the parts that were added since, and how many these are."""
@@ -30,7 +36,7 @@ class RollingTangent(NamedTuple):
 
 
 class RollingInverse(AbstractLinearSolver):
-    """In single precision; `parts`: in so many frames all points are added."""
+    """In single precision; `parts`: in so many renewals all points are added."""
 
     parts: int = eqx.field(static=True)
 
@@ -41,9 +47,9 @@ class RollingInverse(AbstractLinearSolver):
         return cls(body.parts)
 
     @property
-    def renews(self) -> bool:
-        """It does."""
-        return True
+    def renew_every(self) -> int:
+        """So that all parts together take sixteen frames."""
+        return max(1, _FRAMES // self.parts)
 
     def factor(self, element_tangents: Float[Array, "1 n n"]) -> RollingTangent:
         """The inverse of a whole tangent."""
