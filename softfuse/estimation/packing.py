@@ -29,19 +29,19 @@ class Packing:
         return jax.tree.structure(self.like)
 
     @cached_property
-    def _places(self) -> list[tuple[str, int, int, tuple[int, ...]]]:
-        """Of each leaf: the vector, its begin and end there, its shape."""
+    def _places(self) -> list[tuple[str, int, int, tuple[int, ...], np.dtype]]:
+        """Of each leaf: the vector, its begin and end there, its shape and type."""
         places, ends = [], {}
         for leaf in jax.tree.leaves(self.like):
             kind, start = str(leaf.dtype), ends.get(str(leaf.dtype), 0)
             ends[kind] = start + int(np.prod(leaf.shape))
-            places.append((kind, start, ends[kind], leaf.shape))
+            places.append((kind, start, ends[kind], leaf.shape, np.dtype(leaf.dtype)))
         return places
 
     @property
     def vectors(self) -> dict[str, jax.ShapeDtypeStruct]:
         """The shapes of the vectors."""
-        ends = {kind: end for kind, _, end, _ in self._places}
+        ends = {kind: end for kind, _, end, *_ in self._places}
         return {kind: jax.ShapeDtypeStruct((end,), kind) for kind, end in ends.items()}
 
     def pack(self, tree: Any, of: Any = jnp) -> Packed:
@@ -50,15 +50,15 @@ class Packing:
         """
         leaves = self._structure.flatten_up_to(tree)
         gathered: dict[str, list[Array]] = {}
-        for leaf, (kind, _, _, shape) in zip(leaves, self._places, strict=True):
-            if leaf.shape != shape or leaf.dtype != kind:
+        for leaf, (kind, _, _, shape, dtype) in zip(leaves, self._places, strict=True):
+            if leaf.shape != shape or leaf.dtype != dtype:
                 raise ValueError(
                     f"a leaf of {leaf.dtype}{list(leaf.shape)} where {kind}{list(shape)} is kept"
                 )
-            gathered.setdefault(kind, []).append(of.ravel(leaf))
+            gathered.setdefault(kind, []).append(leaf.reshape(-1))
         return {kind: of.concatenate(parts) for kind, parts in gathered.items()}
 
     def unpack(self, packed: Packed | dict[str, np.ndarray]) -> Any:
         """The tree that was packed."""
-        leaves = [packed[kind][start:end].reshape(shape) for kind, start, end, shape in self._places]
+        leaves = [packed[kind][start:end].reshape(shape) for kind, start, end, shape, _ in self._places]
         return self._structure.unflatten(leaves)

@@ -1,7 +1,7 @@
 """What the sensors of a device say together about one frame, in the terms of the estimator."""
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 from jaxtyping import Array, Bool, Float
@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 from softfuse.sensing.status import Status
 
 
-class Sensed(eqx.Module):
+class Sensed(NamedTuple):
     """One frame of c contacts and k readings."""
 
     reading: Float[Array, " k"]
