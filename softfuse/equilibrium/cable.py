@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
 from softfuse.equilibrium.load import AbstractLoad, Sizes
-from softfuse.equilibrium.points import PointPorts, ball
+from softfuse.equilibrium.points import AbstractGuides, PointPorts, ball
 from softfuse.functional.cable import guide_forces, length
 from softfuse.functional.material_points import MaterialPoints
 
@@ -21,7 +21,7 @@ from softfuse.functional.material_points import MaterialPoints
 class PulledCable(AbstractLoad):
     """A cable of given tension, pulled at a fixed point (3,) m; `friction` μ [-] at its guides."""
 
-    ports: PointPorts
+    ports: AbstractGuides
     pulled_at: Float[Array, "3"]
     friction: Float[Array, ""]
 
@@ -52,7 +52,7 @@ class PulledCable(AbstractLoad):
     @property
     def sizes(self):
         """Three ports and forces for each guide; the tension."""
-        count = 3 * self.ports.share.shape[0]
+        count = self.ports.location.size
         return Sizes(ports=count, forces=count, internal=0, drives=1)
 
     def start(self):
@@ -81,7 +81,7 @@ class ShortenedCable(AbstractLoad):
     [N/m]: weighs lengths against tensions and does not move the solution.
     """
 
-    ports: PointPorts
+    ports: AbstractGuides
     pulled_at: Float[Array, "3"]
     friction: Float[Array, ""]
     compliance: Float[Array, ""]
@@ -97,7 +97,7 @@ class ShortenedCable(AbstractLoad):
     @property
     def sizes(self):
         """Three ports and forces for each guide; the tension; the shortening."""
-        count = 3 * self.ports.share.shape[0]
+        count = self.ports.location.size
         return Sizes(ports=count, forces=count, internal=1, drives=1)
 
     def start(self):

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
-from softfuse.equilibrium.load import AbstractLoad, Sizes
+from softfuse.equilibrium.load import AbstractLoad, AbstractPorts, Sizes
 from softfuse.equilibrium.volume import VolumePorts
 from softfuse.functional.cavity import Cavity
 
@@ -22,7 +22,7 @@ class SealedGas(AbstractLoad):
     `atmosphere` [Pa]: outside, absolute; `exponent` κ [-].
     """
 
-    ports: VolumePorts
+    ports: AbstractPorts
     rest: Float[Array, " k"]
     dead: Float[Array, " k"]
     atmosphere: Float[Array, ""]

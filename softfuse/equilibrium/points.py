@@ -4,6 +4,8 @@ A point force sinks into an elastic body the deeper the finer the mesh, without 
 one has to be given its size.
 """
 
+from abc import abstractmethod
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,7 +16,16 @@ from softfuse.equilibrium.load import AbstractPorts
 from softfuse.functional.material_points import MaterialPoints
 
 
-class PointPorts(AbstractPorts):
+class AbstractGuides(AbstractPorts):
+    """x, y, z of g places in a body, one after the other: 3 g ports [m], linear in the body's unknowns."""
+
+    @property
+    @abstractmethod
+    def location(self) -> Float[Array, "g 3"]:
+        """Where they are on the body at rest (g, 3) [m]."""
+
+
+class PointPorts(AbstractGuides):
     """x, y, z of g weighted means of m material points, one after the other: 3 g ports [m].
 
     `share` (g, m): weights, each row's sum is 1; `support` [N/m]: of each mean that is a single point.
@@ -38,7 +49,7 @@ class PointPorts(AbstractPorts):
         return cls(points, jnp.asarray(share, float), support)
 
     @property
-    def location(self) -> Float[Array, "g 3"]:
+    def location(self):
         """Where the means are on the body at rest (g, 3) [m]."""
         return self.share @ self.points.location
 

@@ -29,7 +29,11 @@ class Punch(AbstractLoad):
     @classmethod
     def of(cls, contact: Contact, body: AbstractBody) -> "Punch":
         """The disc of a contact on a body; γ is μ times the disc's radius."""
-        rows = contact.rows(body)
+        return cls.pushing(contact.rows(body), contact, body)
+
+    @classmethod
+    def pushing(cls, rows: Float[Array, "n m"], contact: Contact, body: AbstractBody) -> "Punch":
+        """The disc of a contact with known rows (n, m) of its cells, see `Contact.rows`."""
         gamma = jax.lax.stop_gradient(body.pressure_unit * contact.radius)
         return cls(LinearPorts(jnp.zeros(rows.shape[1]), rows), gamma)
 

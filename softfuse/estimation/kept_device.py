@@ -3,27 +3,41 @@
 import os
 import tempfile
 import zipfile
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import fields
 from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from softfuse.body.body import Body
+from softfuse.equilibrium.load import AbstractLoad
+from softfuse.equilibrium.patch import PatchContact
+from softfuse.equilibrium.punch import PunchContact
+from softfuse.equilibrium.volume import VolumePorts
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
 from softfuse.functional.base import AbstractFunctional
 from softfuse.functional.cavity import Cavity
 from softfuse.reduction.basis import Basis
-from softfuse.reduction.body_arrays import Arrays, body_arrays, body_of
+from softfuse.reduction.body_arrays import Arrays, body_arrays, body_of, of_nodes
+from softfuse.reduction.projected_ports import (
+    ProjectedGuides,
+    ProjectedPatches,
+    ProjectedVolumePorts,
+    projected_discs,
+)
 from softfuse.reduction.projected_volume import ProjectedVolumes
 from softfuse.reduction.reduced_body import ReducedBody
 from softfuse.reduction.rolling_inverse import ReducedDense
 
-_VOLUMES = ("slope", "directions", "bend", "twist")
+_Part = ProjectedVolumes | ProjectedGuides | ProjectedPatches
+"""What has nothing but arrays."""
+_Kind = TypeVar("_Kind", ProjectedVolumes, ProjectedGuides, ProjectedPatches)
 
 
 class Sizes(NamedTuple):
@@ -34,10 +48,13 @@ class Sizes(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """A reduced device, ready for live steps, and the basis of its body."""
+    """A reduced device, ready for live steps, the basis of its body, and the displacements (3 k, m) [m] of
+    all nodes by each displacement mode, node by node.
+    """
 
     device: Device
     basis: Basis
+    nodal: Float[np.ndarray, "3k m"]
 
 
 def write_device(path: Path, device: Device, basis: Basis, mark: str) -> None:
@@ -49,9 +66,8 @@ def write_device(path: Path, device: Device, basis: Basis, mark: str) -> None:
     body = body_arrays(device.body, basis)
     points = [len(each.volumes) for each in device.body.sample]
     arrays = {"mark": np.array(mark), "points": np.array(points), **body}
-    for number, sensor in enumerate(device.sensors):
-        if isinstance(sensor, ProjectedVolumes):
-            arrays |= {f"{name}{number}": np.asarray(getattr(sensor, name)) for name in _VOLUMES}
+    for name, part in _projected_parts(device):
+        arrays |= {f"{name}.{each.name}": np.asarray(getattr(part, each.name)) for each in fields(part)}
     path.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=path.parent) as aside:
         part = Path(aside) / path.name
@@ -77,14 +93,46 @@ def read_device(path: Path, mark: str, full: Device, sizes: Sizes) -> Kept:
     body = body_of(full.body, arrays, sizes.points, sizes.watched)
     sensors: list[AbstractFunctional] = []
     for kind, group in groupby(full.sensors, type):
-        sensors += [_volumes(len(sensors), arrays)] if kind is Cavity else group
-    device = replace(full, body=body, sensors=tuple(sensors), linear=ReducedDense.plan(body))
-    return Kept(device, Basis(arrays["displacement"], arrays["pressure"]))
+        of_cavities = kind is Cavity
+        sensors += [_part(ProjectedVolumes, f"sensor{len(sensors)}", arrays)] if of_cavities else group
+    contact = full.contact
+    if isinstance(contact, PatchContact):
+        contact = _part(ProjectedPatches, "contact", arrays)
+    elif isinstance(contact, PunchContact):
+        contact = projected_discs(contact, body)
+    attached = tuple(_attached(load, f"attached{k}", arrays) for k, load in enumerate(full.attached))
+    device = Device(body, tuple(sensors), contact, ReducedDense.plan(body), attached, full.gauges)
+    basis = Basis(arrays["displacement"], arrays["pressure"])
+    nodal = of_nodes(full.body, np.arange(full.body.n_nodes), basis.displacement)
+    return Kept(device, basis, nodal.reshape(-1, nodal.shape[-1]))
 
 
-def _volumes(number: int, arrays: Arrays) -> ProjectedVolumes:
-    """The functional with this number among the device's."""
-    return ProjectedVolumes(*(jnp.asarray(arrays[f"{name}{number}"]) for name in _VOLUMES))
+def _projected_parts(device: Device) -> Iterator[tuple[str, _Part]]:
+    """What a reduced device has instead of the full one's parts, but for the body, by name."""
+    for number, sensor in enumerate(device.sensors):
+        if isinstance(sensor, ProjectedVolumes):
+            yield f"sensor{number}", sensor
+    if isinstance(device.contact, ProjectedPatches):
+        yield "contact", device.contact
+    for number, load in enumerate(device.attached):
+        ports = load.ports
+        if isinstance(ports, ProjectedVolumePorts):
+            yield f"attached{number}", ports.volumes
+        elif isinstance(ports, ProjectedGuides):
+            yield f"attached{number}", ports
+
+
+def _attached(load: AbstractLoad, name: str, arrays: Arrays) -> AbstractLoad:
+    """A load of the full device with the ports of some arrays."""
+    if isinstance(load.ports, VolumePorts):
+        ports = ProjectedVolumePorts(_part(ProjectedVolumes, name, arrays))
+    else:
+        ports = _part(ProjectedGuides, name, arrays)
+    return eqx.tree_at(lambda of: of.ports, load, ports)
+
+
+def _part(kind: type[_Kind], name: str, arrays: Arrays) -> _Kind:
+    return kind(*(jnp.asarray(arrays[f"{name}.{each.name}"]) for each in fields(kind)))
 
 
 def _read(path: Path, mark: str, names: Sequence[str] | None = None) -> Arrays:

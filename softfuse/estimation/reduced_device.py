@@ -4,11 +4,14 @@ from dataclasses import replace
 from itertools import groupby
 
 from softfuse.body.body import Body
+from softfuse.equilibrium.patch import PatchContact
+from softfuse.equilibrium.punch import PunchContact
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device
 from softfuse.functional.base import AbstractFunctional
 from softfuse.functional.cavity import Cavity
 from softfuse.reduction.chart import Chart
+from softfuse.reduction.projected_ports import projected_discs, projected_load, projected_patches
 from softfuse.reduction.projected_volume import projected_volumes
 from softfuse.reduction.projection import project
 from softfuse.reduction.rest_stiffness import RestStiffness
@@ -18,15 +21,29 @@ from softfuse.reduction.rolling_inverse import ReducedDense
 def reduced_device(device: Device, stiffness: RestStiffness, chart: Chart) -> Device:
     """The device with the body of a chart that was taught by its own, which has that stiffness at rest.
 
-    Cavities become polynomials; other functionals stay, so that the chart must watch their nodes. Raises
-    SolveError when the device's body is a reduced one already.
+    Cavities become polynomials, what is attached and what presses become rows of the modes; other functionals
+    stay, so that the chart must watch their nodes. Raises SolveError when the device's
+    body is a reduced one already, or something is attached that cannot be projected.
     """
-    if not isinstance(device.body, Body):
+    full = device.body
+    if not isinstance(full, Body):
         raise SolveError("the device's body is a reduced one already: reduce the full device")
-    body = project(device.body, stiffness, chart)
+    body = project(full, stiffness, chart)
     sensors: list[AbstractFunctional] = []
     for _, alike in groupby(device.sensors, type):
         group = list(alike)
         cavities = [sensor for sensor in group if isinstance(sensor, Cavity)]
         sensors += [projected_volumes(cavities, body, chart.reach)] if cavities else group
-    return replace(device, body=body, linear=ReducedDense.plan(body), sensors=tuple(sensors))
+    contact = device.contact
+    if isinstance(contact, PatchContact):
+        contact = projected_patches(contact, full, chart.basis)
+    elif isinstance(contact, PunchContact):
+        contact = projected_discs(contact, body)
+    return replace(
+        device,
+        body=body,
+        linear=ReducedDense.plan(body),
+        sensors=tuple(sensors),
+        contact=contact,
+        attached=tuple(projected_load(load, full, body, chart) for load in device.attached),
+    )

@@ -33,6 +33,16 @@ class Landed(eqx.Module):
     met: Bool[Array, " p"]
 
 
+class SeenFaces(eqx.Module):
+    """A surface's faces seen along the direction: corners (f, 3, 2) m across it; what a point is tested with
+    (f, 7), first corner, barycentric slopes and height; and the number of one that faces the disc.
+    """
+
+    corners: Float[Array, "f 3 2"]
+    test: Float[Array, "f 7"]
+    one: Int[Array, ""]
+
+
 class ContactSurface(eqx.Module):
     """Faces (f, 3) or (f, 6) that can be pressed along the unit vector `direction` (3,), unit tangents (2, 3)
     across it, whose cross product it is, and how the faces under a point are found.
@@ -69,9 +79,26 @@ class ContactSurface(eqx.Module):
         Differentiable in both, on the faces that they meet; how far `rest` may be from where the surface was
         made for is up to its search.
         """
+        return self.land_on(self.seen(rest), points)
+
+    def seen(self, rest: Float[Array, "k 3"]) -> SeenFaces:
+        """The faces of nodes at `rest` (k, 3) m."""
         corners = rest[self.faces[:, :3]]
-        flat, target = corners @ self.tangents.T, points @ self.tangents.T
-        face, met = self._outermost(*jax.lax.stop_gradient((corners, flat, target)))
+        flat = corners @ self.tangents.T
+        corners, across = jax.lax.stop_gradient((corners, flat))
+        normal = jnp.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        facing = normal @ self.direction < -_GRAZING * jnp.linalg.norm(normal, axis=1)
+        # A face seen edge-on has no barycentric coordinates: any other triangle in its place does.
+        shown = jnp.where(facing[:, None, None], across, jnp.eye(3, 2))
+        height = jnp.where(facing, jnp.mean(corners @ self.direction, axis=1), jnp.inf)
+        # In one table, so that what the test of a candidate needs is fetched together.
+        test = jnp.concatenate([shown[:, 0], _slopes(shown).reshape(-1, 4), height[:, None]], axis=1)
+        return SeenFaces(flat, test, jnp.argmax(facing))
+
+    def land_on(self, seen: SeenFaces, points: Float[Array, "p 3"]) -> Landed:
+        """Where points (p, 3) m meet faces that are seen, see `land`."""
+        flat, target = seen.corners, points @ self.tangents.T
+        face, met = self._outermost(seen, jax.lax.stop_gradient(target))
         values = linear if self.faces.shape[1] == 3 else quadratic
 
         def shape_at(place, triangle):
@@ -82,27 +109,20 @@ class ContactSurface(eqx.Module):
         return Landed(self.faces[face], shape, slopes, met)
 
     def _outermost(
-        self, corners: Float[Array, "f 3 3"], flat: Float[Array, "f 3 2"], target: Float[Array, "p 2"]
+        self, seen: SeenFaces, target: Float[Array, "p 2"]
     ) -> tuple[Int[Array, " p"], Bool[Array, " p"]]:
         """The face (p,) that the disc meets first of those in line with each point, and whether there is one;
         where there is none, one that faces the disc.
         """
-        normal = jnp.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        facing = normal @ self.direction < -_GRAZING * jnp.linalg.norm(normal, axis=1)
-        # A face seen edge-on has no barycentric coordinates: any other triangle in its place does.
-        seen = jnp.where(facing[:, None, None], flat, jnp.eye(3, 2))
-        height = jnp.where(facing, jnp.mean(corners @ self.direction, axis=1), jnp.inf)
-        # In one table, so that what the test of a candidate needs is fetched together.
-        table = jnp.concatenate([seen[:, 0], _slopes(seen).reshape(-1, 4), height[:, None]], axis=1)
         candidate = self.search.candidates(target)
-        corner, slopes, height = jnp.split(table[candidate], [2, 6], axis=-1)
+        corner, slopes, height = jnp.split(seen.test[candidate], [2, 6], axis=-1)
         first, second, third = _barycentric(target[:, None] - corner, slopes.reshape(*slopes.shape[:2], 2, 2))
         inside = jnp.minimum(first, jnp.minimum(second, third)) >= -1e-9
         height = jnp.where(inside, height[..., 0], jnp.inf)
         met = jnp.any(height < jnp.inf, axis=1)
         lowest = jnp.argmin(height, axis=1)[:, None]
         face = jnp.take_along_axis(jnp.broadcast_to(candidate, height.shape), lowest, axis=1)[:, 0]
-        return jnp.where(met, face, jnp.argmax(facing)), met
+        return jnp.where(met, face, seen.one), met
 
 
 def _axes(direction: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "2 3"]]:
@@ -140,16 +160,24 @@ class Contact(eqx.Module):
     location: Float[Array, "3"]
     radius: Float[Array, ""]
 
+    @property
+    def points(self) -> Float[Array, "p 3"]:
+        """The quadrature points (p, 3) m."""
+        return self.location + self.radius * (self.cells.points @ self.surface.tangents)
+
     def _landed(self, body: AbstractBody) -> Landed:
-        points = self.location + self.radius * (self.cells.points @ self.surface.tangents)
-        return self.surface.land(body.rest, points)
+        return self.surface.land(body.rest, self.points)
+
+    def parts(self, on: Landed) -> Float[Array, "p s"]:
+        """The parts (p, s) [-] of a newton in a point's cell that the nodes carry where the points landed."""
+        return jnp.where(on.met, self.cells.share, 0.0)[:, None] * on.shape
 
     def nodal(self, body: AbstractBody) -> tuple[Int[Array, "p s"], Float[Array, "p s"]]:
         """The nodes (p, s) that carry a newton in a point's cell, and their parts (p, s) [-] of it, along the
         direction; the point's cell is `cells.cell`. Nodes may come several times, and held ones come too.
         """
         on = self._landed(body)
-        return on.nodes, jnp.where(on.met, self.cells.share, 0.0)[:, None] * on.shape
+        return on.nodes, self.parts(on)
 
     def rows(self, body: AbstractBody) -> Float[Array, "n m"]:
         """∂g_k/∂z (n, m) [-]: nodal forces per newton in cell k; its transpose times z gives the

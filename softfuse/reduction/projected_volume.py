@@ -21,15 +21,16 @@ from softfuse.functional.base import AbstractFunctional
 from softfuse.functional.cavity import Cavity
 from softfuse.reduction.reduced_body import ReducedBody
 
-_DIRECTIONS = 16
+_DIRECTIONS = 12
 """So many that states use most; on the pad the first ten of them leave a thousandth out."""
 
 
 class ProjectedVolumes(AbstractFunctional):
-    """Those of c cavities, see the module: `slope` g (c, n) [m³], `directions` W (c, r, n), `bend` Q/2
-    (c, r, r) and `twist` T/6 (c, r, r r) [m³].
+    """Those of c cavities, see the module: V(0) `rest` (c,) [m³], `slope` g (c, n) [m³], `directions` W (c,
+    r, n), `bend` Q/2 (c, r, r) and `twist` T/6 (c, r, r r) [m³].
     """
 
+    rest: Float[Array, " c"]
     slope: Float[Array, "c n"]
     directions: Float[Array, "c r n"]
     bend: Float[Array, "c r r"]
@@ -38,7 +39,7 @@ class ProjectedVolumes(AbstractFunctional):
     @property
     def count(self):
         """One of each cavity."""
-        return self.slope.shape[0]
+        return self.rest.shape[0]
 
     def change(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, " c"]:
         """V(z) − V(0) (c,) [m³] at amplitudes z (n,) of the body that they were projected for."""
@@ -50,6 +51,15 @@ class ProjectedVolumes(AbstractFunctional):
         curved = jnp.sum(self.bend * y[:, None], axis=2) + jnp.sum(self.twist * squares[:, None], axis=2)
         return self.slope @ z + jnp.sum(curved * y, axis=1)
 
+    def bent(self, weights: Float[Array, " c"], z: Float[Array, " n"]) -> Float[Array, "n n"]:
+        """Σ_i w_i ∂²V_i/∂z² (n, n) at amplitudes z (n,), with weights (c,)."""
+        c, r, n = self.directions.shape
+        y = (self.directions.reshape(c * r, n) @ z).reshape(c, r)
+        twist = self.twist.reshape(c, r, r, r)
+        second = weights[:, None, None] * (2 * self.bend + 6 * jnp.einsum("cijk,ck->cij", twist, y))
+        along = jnp.einsum("cij,cjn->cin", second, self.directions)
+        return self.directions.reshape(c * r, n).T @ along.reshape(c * r, n)
+
 
 def projected_volumes(
     cavities: Sequence[Cavity], body: ReducedBody, reach: Float[np.ndarray, " n"]
@@ -59,10 +69,8 @@ def projected_volumes(
     return ProjectedVolumes(*(jnp.asarray(np.stack(parts)) for parts in each))
 
 
-def _projected(
-    cavity: Cavity, body: ReducedBody, reach: Float[np.ndarray, " n"]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Slope (n,), directions (r, n), bend (r, r) and twist (r, r r) of one cavity."""
+def _projected(cavity: Cavity, body: ReducedBody, reach: Float[np.ndarray, " n"]) -> tuple[np.ndarray, ...]:
+    """Rest (), slope (n,), directions (r, n), bend (r, r) and twist (r, r r) of one cavity."""
     m = body.displacement_modes
     nodes, local = np.unique(np.asarray(cavity.faces), return_inverse=True)
     held = np.append(np.asarray(body.modes), np.zeros((1, m)), axis=0)
@@ -74,6 +82,7 @@ def _projected(
     directions = (size[:, None] * right)[:_DIRECTIONS] / reach[:m]
     rest = body.n - m
     return (
+        np.asarray(of_walls(body.rest[nodes])),
         np.pad(slope @ shapes, (0, rest)),
         np.pad(directions, ((0, 0), (0, rest))),
         bend / 2,
