@@ -24,13 +24,14 @@ import numpy as np
 from softfuse.cli.computing import prepare_jax
 from softfuse.config import load
 from softfuse.config.build_device import build_device, build_limits
-from softfuse.config.build_reduction import build_cells, with_charts
+from softfuse.config.build_reduction import with_charts
 from softfuse.config.device import DeviceConfig
 from softfuse.estimation.atlas import Atlas
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation
+from softfuse.reduction.cells import Cells
 
 APART_M, PER_FRAME_M = 2e-3, 1e-4
 
@@ -41,10 +42,12 @@ def errors(device: Device, atlas: Atlas, cases: int, largest: float) -> dict[str
     """
     random = np.random.default_rng(7)
     missed = []
+    cells = atlas.regions
+    assert isinstance(cells, Cells)
     for _ in range(cases):
-        place = np.append(random.uniform(atlas.cells.low, atlas.cells.high), 0.0)
+        place = np.append(random.uniform(cells.low, cells.high), 0.0)
         drive = jnp.array([random.uniform(0.02 * largest, largest)])
-        number = atlas.cells.find(place)
+        number = cells.find(place)
         assert number is not None
         small, at = atlas.chart(number).device, jnp.asarray(place)[None]
         exact, found = (simulate(each, at, drive).state for each in (device, small))
@@ -58,10 +61,10 @@ def errors(device: Device, atlas: Atlas, cases: int, largest: float) -> dict[str
     return {key: np.percentile(column, [50, 95, 100]).tolist() for key, column in columns}
 
 
-def wandering(atlas: Atlas, frames: int, largest: float) -> tuple[np.ndarray, np.ndarray]:
+def wandering(cells: Cells, frames: int, largest: float) -> tuple[np.ndarray, np.ndarray]:
     """Places (f, 3) m and forces (f,) N: through the workspace on a winding path."""
     length = PER_FRAME_M * np.arange(frames)
-    low, high = np.array(atlas.cells.low), np.array(atlas.cells.high)
+    low, high = np.array(cells.low), np.array(cells.high)
     middle, half = (low + high) / 2, (high - low) / 2
     x = middle[0] + 0.95 * half[0] * np.sin(length / 0.031)
     y = middle[1] + 0.95 * half[1] * np.sin(length / 0.043 + 1.0)
@@ -73,7 +76,9 @@ def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int)
     and the full body asked; by how much forces were off; and the full body's latencies.
     """
     assert config.contact is not None
-    places, forces = wandering(atlas, frames, config.contact.max_force)
+    cells = atlas.regions
+    assert isinstance(cells, Cells)
+    places, forces = wandering(cells, frames, config.contact.max_force)
     every = round(APART_M / PER_FRAME_M)
     solved = [
         device.reading(simulate(device, jnp.asarray(place)[None], jnp.array([force])).state)
@@ -85,9 +90,9 @@ def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int)
     sigma = np.full(readings.shape[1], 1e9)
     seen = [Observation.on_host(r, sigma, p[None]) for r, p in zip(readings, places, strict=True)]
     full, small = Estimator(device, limits, none), ReducedEstimator(atlas, limits, none)
-    for number in range(len(atlas.cells)):
+    for number in range(len(cells)):
         # As after some seconds of running: all charts have been read.
-        small.update(seen[0]._replace(places=atlas.cells[number].centre[None]))
+        small.update(seen[0]._replace(places=cells[number].centre[None]))
     small.reset()
     small.update(seen[0])
     events: list[str] = []
@@ -133,7 +138,7 @@ def main() -> None:
     atlas = with_charts(config, device, given.charts)
     assert isinstance(atlas, Atlas)
     row: dict[str, object] = {
-        "charts": len(build_cells(config)),
+        "charts": len(atlas.regions),
         "full_unknowns": device.body.n,
         "reduced_unknowns": atlas.chart(0).device.body.n,
         **errors(device, atlas, given.cases, config.contact.max_force),

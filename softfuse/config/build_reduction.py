@@ -5,33 +5,39 @@ from functools import cached_property
 from pathlib import Path
 
 import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
 
 from softfuse.body.body import Body
+from softfuse.config.build_device import build_limits
 from softfuse.config.contact import DiscSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.config.digest import digest
 from softfuse.errors import ConfigError
 from softfuse.estimation.atlas import Atlas, AtlasFolder
 from softfuse.estimation.device import Device
-from softfuse.reduction.cells import Cells
+from softfuse.reduction.cells import AbstractRegions, Cells, Electrodes
 from softfuse.reduction.chart import Chart
-from softfuse.reduction.load_paths import presses
+from softfuse.reduction.load_paths import LoadPath, presses, pushes
 from softfuse.reduction.rest_stiffness import RestStiffness
 from softfuse.reduction.snapshots import LoadsAt
 from softfuse.reduction.teaching import ChartSettings, teach
 
-_REVISION = 1
+_REVISION = 2
 """To be raised when other charts come of the same settings."""
 _SIDE = 21
 """Contacts at so many places along each edge of a cell tell which nodes it may push."""
 
 
-def build_cells(config: DeviceConfig) -> Cells:
-    """The cells of the contact's workspace. Raises ConfigError when the config has no disc for a contact."""
+def build_regions(config: DeviceConfig) -> AbstractRegions:
+    """The cells of a disc's workspace, or the electrodes that are pushed at.
+
+    Raises ConfigError when the config has no contact.
+    """
+    if config.contact is None:
+        raise ConfigError(f"{config.path}: contact: missing, a device is reduced for what presses on it")
     if not isinstance(config.contact, DiscSettings):
-        raise ConfigError(
-            f'{config.path}: contact: only devices that a "punch" or "uniform" disc presses can be reduced'
-        )
+        return Electrodes(len(config.electrodes))
     workspace = config.contact.workspace
     low, high = zip(workspace.x, workspace.y, strict=True)
     return Cells.over(low, high, config.reduction.cell)
@@ -46,12 +52,12 @@ def reduction_mark(config: DeviceConfig) -> str:
 def with_charts(config: DeviceConfig, device: Device, folder: Path | None) -> Device | Atlas:
     """The charts of a folder that were made of the config's device; the device itself without a folder.
 
-    Raises ConfigError when it has no disc for a contact, SoftfuseError when a chart is missing, damaged or
+    Raises ConfigError when the config has no contact, SoftfuseError when a chart is missing, damaged or
     another device's.
     """
     if folder is None:
         return device
-    return Atlas(device, build_cells(config), AtlasFolder(folder, reduction_mark(config)))
+    return Atlas(device, build_regions(config), AtlasFolder(folder, reduction_mark(config)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +67,7 @@ class Teacher:
     config: DeviceConfig
     device: Device
     stiffness: RestStiffness
-    cells: Cells
+    regions: AbstractRegions
 
     @cached_property
     def _loads_at(self) -> LoadsAt:
@@ -69,19 +75,32 @@ class Teacher:
         return lambda body, places: replace(self.device, body=body).loads(places)
 
     def chart(self, number: int) -> Chart:
-        """The chart of a cell; raises SolveError as `teach` does."""
-        given, cell = self.config.reduction, self.cells[number]
-        assert self.config.contact is not None
+        """The chart of a region; raises SolveError as `teach` does."""
+        given = self.config.reduction
         assert isinstance(self.device.body, Body)
-        paths = presses(
-            cell, self.config.contact.max_force, side=given.side, levels=given.levels, near=given.near
-        )
+        paths, around = self._lesson(number)
         return teach(
             self.device.linear,
             self.device.body,
             self.stiffness,
             self._loads_at,
             paths,
-            around=[jnp.asarray(place)[None] for place in cell.grid(_SIDE)],
+            around=around,
             settings=ChartSettings(given.displacements, given.pressures, given.sampling, given.points),
         )
+
+    def _lesson(self, number: int) -> tuple[list[LoadPath], list[Array]]:
+        """The load paths in a region, and places (1, ...) all over it."""
+        given, contact = self.config.reduction, self.config.contact
+        assert contact is not None
+        force = min(contact.max_force, given.force or np.inf)
+        if isinstance(self.regions, Cells):
+            cell = self.regions[number]
+            paths = presses(cell, force, side=given.side, levels=given.levels, near=given.near)
+            return paths, [jnp.asarray(place)[None] for place in cell.grid(_SIDE)]
+        limits, place = build_limits(self.config, 1), jnp.array([number])
+        low, high = np.asarray(limits.lower), np.array(limits.upper)
+        patches = self.device.contact.drives
+        cables = slice(patches, patches + len(self.config.cables))
+        high[:patches], high[cables] = force, np.minimum(high[cables], given.tension or np.inf)
+        return pushes(place, patches, low, high, levels=given.levels, near=given.near), [place]

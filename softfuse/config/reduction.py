@@ -1,15 +1,17 @@
 """How the body is reduced for real time."""
 
-from softfuse.config.quantity import PositiveInteger, PositiveLength, PositiveNumber
+from softfuse.config.quantity import PositiveForce, PositiveInteger, PositiveLength, PositiveNumber
 from softfuse.config.settings import Settings
 
 
 class ReductionSettings(Settings):
-    """One chart for each cell of the workspace, no edge of which is longer than `cell` in m.
+    """One chart for each electrode, or for each cell of the workspace, whose edges are not longer than `cell`
+    in m.
 
     displacements, pressures: numbers of modes; sampling: relative error of the sum over points, of which
     there are at most `points`; side: presses are followed at side x side places of a cell, each through
-    `levels` up to the largest force, with so many others `near` each.
+    `levels` up to the largest force, with so many others `near` each; force and tension in N: up to which
+    charts are good, None: up to the largest of the contact and of the cables.
     """
 
     cell: PositiveLength = 5e-3
@@ -20,3 +22,5 @@ class ReductionSettings(Settings):
     side: PositiveInteger = 2
     levels: PositiveInteger = 4
     near: PositiveInteger = 10
+    force: PositiveForce | None = None
+    tension: PositiveForce | None = None

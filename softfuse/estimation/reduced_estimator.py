@@ -1,8 +1,8 @@
-"""Frame after frame on reduced bodies, each good for contacts in its own cell, and on the full one elsewhere.
+"""Frame after frame on reduced bodies, each good for contacts in its own region, or else on the full one.
 
 What is pressed decides which chart is used. A state goes from body to body by its unknowns on the full mesh,
 u = U α there and α = Uᵀ A u back, with the stiffness A that modes are orthonormal in. Where contacts are not
-in one cell, or the chart's last modes say that those left out matter too (`AbstractBody.truncation`), the
+in one region, or the chart's last modes say that those left out matter too (`AbstractBody.truncation`), the
 full body corrects the estimate and goes on, until a chart comes near enough to its state again.
 """
 
@@ -52,12 +52,10 @@ class ReducedEstimator:
         aside = ThreadPoolExecutor(1)
         # Nobody waits for these before they are needed.
         self._full: Future[Estimator] = aside.submit(Estimator, atlas.full, limits, places, settings)
-        for number in range(len(atlas.cells)):
+        for number in range(len(atlas.regions)):
             aside.submit(self._of, number)
         aside.shutdown(wait=False)
         self._each = atlas.full.contact.drives
-        index = np.asarray(atlas.full.body.displacement_index)
-        self._index = np.minimum(index, atlas.full.body.n_displacements)
         self.reset()
 
     def reset(self) -> None:
@@ -78,9 +76,9 @@ class ReducedEstimator:
         """Displacements (k, 3) m of all nodes after the last frame."""
         if self._on_full or self._number is None:
             return np.asarray(self.device.body.displacement(self.state.z))
-        modes = self._atlas.chart(self._number).basis.displacement
-        amplitudes = np.asarray(self._small.state.z)[: modes.shape[1]].astype(modes.dtype)
-        return np.append(modes @ amplitudes, np.zeros(1, modes.dtype))[self._index]
+        nodal = self._atlas.chart(self._number).nodal
+        amplitudes = np.asarray(self._small.state.z)[: nodal.shape[1]]
+        return (nodal @ amplitudes.astype(nodal.dtype)).reshape(-1, 3)
 
     def update(self, seen: Observation, limits: Limits | None = None) -> Estimate:
         """Advance by one frame's observation within the limits of this frame; never raises for what they
@@ -95,7 +93,7 @@ class ReducedEstimator:
         if number is not None:
             if pressed.any():
                 # Who does not press is anywhere, but has to be where the chart is.
-                places = np.where(pressed[:, None], places, places[pressed][0])
+                places = np.where(pressed.reshape(-1, *[1] * (places.ndim - 1)), places, places[pressed][0])
             near = Observation.on_host(seen.reading, seen.weight, places)
             if self._taken(number, near.places):
                 before = self._small.state
@@ -109,10 +107,10 @@ class ReducedEstimator:
         upper = np.asarray(limits.upper)[: contacts * self._each]
         return np.any((upper > 0).reshape(contacts, -1), axis=1)
 
-    def _find(self, places: Float[np.ndarray, "p 3"]) -> int | None:
+    def _find(self, places: np.ndarray) -> int | None:
         """The chart for contacts at these places, None where there is none for all of them."""
-        cells = self._atlas.cells
-        found = {cells.find(place, self._number) for place in places}
+        regions = self._atlas.regions
+        found = {regions.find(place, self._number) for place in places}
         if not found:
             found = {self._number or 0}
         number = found.pop() if len(found) == 1 else None

@@ -1,10 +1,13 @@
-"""A workspace cut into cells: one chart of a reduced body for each."""
+"""Where contacts may be, in regions with a chart of a reduced body for each: the cells of a workspace, or
+electrodes.
+"""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 _MARGIN = 0.05
 """Of a cell: how far a place may leave it before another one is looked for."""
@@ -27,8 +30,35 @@ class Cell(NamedTuple):
         return self.at((1 + 2 * _MARGIN) * pairs(np.linspace(-1, 1, side)))
 
 
+class AbstractRegions(ABC):
+    """Numbered regions of places."""
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """How many."""
+
+    @abstractmethod
+    def find(self, place: Array | np.ndarray, before: int | None = None) -> int | None:
+        """The region of a place, `before` while it is not clearly outside of that; None where none is."""
+
+
 @dataclass(frozen=True)
-class Cells:
+class Electrodes(AbstractRegions):
+    """So many electrodes, each a region by itself; places are their numbers."""
+
+    count: int
+
+    def __len__(self) -> int:
+        return self.count
+
+    def find(self, place, before=None):
+        """Its own."""
+        del before
+        return int(place)
+
+
+@dataclass(frozen=True)
+class Cells(AbstractRegions):
     """A workspace from `low` to `high` (x, y) [m] in so many equal cells along x and y, numbered along y
     first.
     """
@@ -55,19 +85,19 @@ class Cells:
         place = np.array(divmod(number, self.counts[1]))
         return Cell(np.append(self.low + half * (2 * place + 1), 0.0), half)
 
-    def find(self, place: Float[np.ndarray, "3"], before: int | None = None) -> int | None:
-        """The cell that a place (3,) [m] is in, that of `before` while it is not clearly outside of it; None
-        where no cell is.
-        """
-        inside = (np.asarray(place)[:2] - self.low) / np.subtract(self.high, self.low) * self.counts
+    def find(self, place, before=None):
+        """The cell that a place (3,) [m] is in."""
+        # In plain numbers: this is asked in every frame.
+        given = zip(np.asarray(place)[:2].tolist(), self.low, self.high, self.counts, strict=True)
+        inside = [(at - low) / (high - low) * count for at, low, high, count in given]
         if before is not None:
-            middle = np.array(divmod(before, self.counts[1])) + 0.5
-            if np.all(np.abs(inside - middle) <= 0.5 + _MARGIN):
+            corner = divmod(before, self.counts[1])
+            if all(abs(at - k - 0.5) <= 0.5 + _MARGIN for at, k in zip(inside, corner, strict=True)):
                 return before
-        if not np.all((inside >= -_MARGIN) & (inside <= np.array(self.counts) + _MARGIN)):
+        if not all(-_MARGIN <= at <= k + _MARGIN for at, k in zip(inside, self.counts, strict=True)):
             return None
-        x, y = np.clip(inside.astype(int), 0, np.array(self.counts) - 1)
-        return int(x * self.counts[1] + y)
+        x, y = (min(max(int(at), 0), k - 1) for at, k in zip(inside, self.counts, strict=True))
+        return x * self.counts[1] + y
 
 
 def pairs(steps: Float[np.ndarray, " k"]) -> Float[np.ndarray, "kk 2"]:

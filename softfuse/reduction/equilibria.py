@@ -1,9 +1,10 @@
 """Equilibria in great number: each is searched from one nearby, with the factor of an older tangent.
 
 Newton's method with a stale factor (the chord method) converges linearly, at the rate by which the tangents
-differ; a new factor is made where a step has not become much shorter than the one before. What has been found
-also says what is near: one Newton step from it, to other places and drives, is exact to first order in the
-difference. Source: Kelley, Iterative Methods for Linear and Nonlinear Equations, 1995, ch. 5.
+differ; a new factor is made where a step has not become much shorter than the one before, or is so long that
+it turns parts of the body. What has been found also says what is near: one Newton step from it, to other
+places and drives, is exact to first order in the difference. Source: Kelley, Iterative Methods for Linear and
+Nonlinear Equations, 1995, ch. 5.
 """
 
 import equinox as eqx
@@ -16,6 +17,9 @@ from softfuse.equilibrium.linear_solver import AbstractLinearSolver
 from softfuse.equilibrium.linearised import linearise, loaded_tangents, settled_on
 from softfuse.equilibrium.load import Loads
 from softfuse.equilibrium.solution import State
+
+_FAR = 0.01
+"""Of the body's size: a step that moves a node further asks for a new factor."""
 
 _SHRINKS = 0.15
 """A step that is longer than this part of the last one asks for a new factor."""
@@ -99,9 +103,10 @@ def follow(
         after, settled = step_to(linear, body, loads, drive, at.state, renewed)
         length = jnp.max(jnp.abs(body.motion(after.z - at.state.z)))
         # A factor that was just made gets a second step before it is judged.
-        renew = (length > _SHRINKS * at.length) & ~at.renew
+        renew = ((length > _SHRINKS * at.length) & ~at.renew) | (length > far)
         return _Search(after, renewed, length, renew, settled, at.steps + 1, at.factors + at.renew)
 
+    far = _FAR * jnp.max(jnp.ptp(body.rest, axis=0))
     first = _Search(
         start, factor, jnp.array(jnp.inf), jnp.array(False), jnp.array(True), jnp.array(0), jnp.array(0)
     )

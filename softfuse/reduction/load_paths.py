@@ -50,3 +50,44 @@ def presses(
         )
         paths.append(path)
     return paths
+
+
+def pushes(
+    place: Array,
+    patches: int,
+    low: Float[np.ndarray, " D"],
+    high: Float[np.ndarray, " D"],
+    *,
+    levels: int = 4,
+    near: int = 10,
+    seed: int = 0,
+) -> list[LoadPath]:
+    """Pushes of one contact (1,) on so many `patches` while what is attached pulls, drives up to `high` (D,).
+
+    The contact's whole force is on one patch, or even on all, or there is none; the other drives stay as
+    `low` (D,) has them, or one of them is half or all the way up, or all are. All go up together, in so many
+    `levels`; at each so many states `near`, each drive within half a level (Sobol's sequence).
+    """
+    span = high - low
+    others = np.flatnonzero(span[patches:] > 0) + patches
+    splits = [*np.eye(patches), np.full(patches, 1 / patches), np.zeros(patches)]
+    pulls = [np.zeros(len(others)), *(part * row for row in _ones(len(others)) for part in (0.5, 1.0))]
+    ends = np.zeros((len(splits), len(pulls), len(low)))
+    ends[:, :, :patches] = np.array(splits)[:, None]
+    ends[:, :, others] = np.array(pulls)
+    ends = np.unique(ends.reshape(-1, len(low)), axis=0)
+    heights = np.arange(1, levels + 1)[:, None] / levels
+    paths = []
+    for number, end in enumerate(ends[np.any(ends > 0, axis=1)]):
+        power = int(np.ceil(np.log2(levels * near + 1)))
+        spread = qmc.Sobol(len(low), rng=seed + number).random_base2(power)[: levels * near] - 0.5
+        beside = (heights * end)[:, None] + spread.reshape(levels, near, -1) / levels
+        drives = low + span * np.clip(beside, 0.0, 1.0)
+        places = jnp.broadcast_to(place, (levels, near, *place.shape))
+        paths.append(LoadPath(place, low + span * heights * end, places, drives))
+    return paths
+
+
+def _ones(count: int) -> Float[np.ndarray, "r k"]:
+    """Each of so many alone, and all together."""
+    return np.unique(np.concatenate([np.eye(count), np.ones((1, count))]), axis=0) if count else np.eye(0)

@@ -20,6 +20,9 @@ from softfuse.equilibrium.solution import State
 from softfuse.reduction.equilibria import Found, follow, rough_factor, step_to
 from softfuse.reduction.load_paths import LoadPath
 
+_LEAST_STEP = 1 / 32
+"""Of the way from level to level."""
+
 LoadsAt = Callable[[AbstractBody, Array], Loads]
 """The loads on a body at places (c, ...)."""
 
@@ -48,7 +51,7 @@ def snapshots(
 ) -> Snapshots:
     """The states of a body on load paths with as many levels and as much near them, each followed from rest.
 
-    A path is left where a level has no equilibrium near the one before.
+    Steps between levels are halved where they are too large; a path is left where that does not help.
     """
     each = [_along(linear, body, loads_at, path) for path in paths]
     z, found = zip(*each, strict=True)
@@ -59,20 +62,46 @@ def _along(
     linear: AbstractLinearSolver, body: AbstractBody, loads_at: LoadsAt, path: LoadPath
 ) -> tuple[Float[np.ndarray, "l k_plus_1 n"], Bool[np.ndarray, "l k_plus_1"]]:
     state, factor = _begin(loads_at, linear, body, path.place)
-    z, found, alive = [], [], True
+    z, found, alive, step = [], [], True, 1.0
     for level, places, drives in zip(path.levels, path.near_places, path.near_drives, strict=True):
+        if alive:
+            reached = _reach(loads_at, linear, body, path.place, level, state, factor, step)
+            state, factor, step = reached
+            alive = step > 0
         around, settled = np.tile(np.asarray(state.z), (len(drives), 1)), np.zeros(len(drives), bool)
-        if alive:
-            reached = _go_on(loads_at, linear, body, path.place, jnp.asarray(level, float), state, factor)
-            alive = bool(reached.converged)
-        if alive:
-            state, factor = reached.state, reached.factor
-            if len(drives):
-                near = _near(loads_at, linear, body, places, jnp.asarray(drives, float), state, factor)
-                around, settled = (np.asarray(part) for part in near)
+        if alive and len(drives):
+            near = _near(loads_at, linear, body, places, jnp.asarray(drives, float), state, factor)
+            around, settled = (np.asarray(part) for part in near)
         z.append(np.concatenate([np.asarray(state.z)[None], around]))
         found.append(np.append(alive, settled))
     return np.stack(z), np.stack(found)
+
+
+def _reach(
+    loads_at: LoadsAt,
+    linear: AbstractLinearSolver,
+    body: AbstractBody,
+    place: Array,
+    level: Float[np.ndarray, " D"],
+    state: State,
+    factor: PyTree[Array],
+    step: float,
+) -> tuple[State, PyTree[Array], float]:
+    """The equilibrium at drives (D,), with a factor near it, first tried in steps of such a part of the way;
+    and what part was good at last: 0 where none was, with the last equilibrium that was found.
+    """
+    begin, done = np.asarray(state.drive), 0.0
+    while done < 1:
+        end = min(done + step, 1.0)
+        drive = jnp.asarray(begin + end * (level - begin))
+        reached = _go_on(loads_at, linear, body, place, drive, state, factor)
+        if reached.converged:
+            state, factor, done = reached.state, reached.factor, end
+        elif step > _LEAST_STEP:
+            step /= 2
+        else:
+            return state, factor, 0.0
+    return state, factor, min(2 * step, 1.0)
 
 
 @eqx.filter_jit

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.body.body import Body
 from softfuse.equilibrium.linear_solver import AbstractLinearSolver
+from softfuse.equilibrium.load import Loads
 from softfuse.errors import SolveError
 from softfuse.reduction.basis import basis_of
 from softfuse.reduction.chart import Chart
@@ -18,8 +19,6 @@ from softfuse.reduction.rest_stiffness import RestStiffness
 from softfuse.reduction.sampling import sampled
 from softfuse.reduction.snapshots import LoadsAt, snapshots
 from softfuse.reduction.strained_points import mode_points
-
-NO_NODES = np.zeros(0, int)
 
 
 @dataclass(frozen=True)
@@ -42,14 +41,13 @@ def teach(
     paths: Sequence[LoadPath],
     *,
     around: Iterable[Array],
-    watched: Int[np.ndarray, " w"] = NO_NODES,
     settings: ChartSettings = ChartSettings(),
 ) -> Chart:
     """The chart of a body, with its tangent at rest, for loads like those of some load paths.
 
-    `around`: places (c, ...) so close to each other that no node which loads may act on is missed between
-    them; `watched` (w,): further nodes that functionals look at, of cavities none. Raises SolveError where a
-    path has no equilibrium.
+    `around`: places (c, ...) so close to each other that no node which contacts may act on is missed between
+    them. It watches these nodes and those that move furthest. Raises SolveError where a path has no
+    equilibrium.
     """
     found = snapshots(linear, body, loads_at, paths)
     if not found.found[:, :, 0].all():
@@ -68,24 +66,35 @@ def teach(
     return Chart(
         basis,
         cubature,
-        np.union1d(watched, np.flatnonzero(pushed)),
+        np.union1d(_furthest(body, found.states), np.flatnonzero(pushed)),
         np.sqrt(np.mean(amplitudes**2, axis=0)),
         float(_softest(loads_at, linear, body, paths[0].place)),
     )
 
 
+def _contacts(loads_at: LoadsAt, body: Body, place: Array) -> Loads:
+    return Loads(loads_at(body, place).parts[: len(place)])
+
+
 @eqx.filter_jit
 def _pushed(loads_at: LoadsAt, body: Body, place: Array) -> Bool[Array, " k"]:
-    """Which nodes (k,) the loads at a place act on."""
-    rows = loads_at(body, place).rows(body, jnp.zeros(body.n))
+    """Which nodes (k,) the contacts at places (c, ...) act on."""
+    rows = _contacts(loads_at, body, place).rows(body, jnp.zeros(body.n))
     acts = jnp.append(jnp.any(rows != 0, axis=1), False)
     return jnp.any(acts[jnp.minimum(body.displacement_index, body.n)], axis=1)
 
 
+def _furthest(body: Body, states: Float[np.ndarray, "s n"]) -> Int[np.ndarray, " w"]:
+    """The nodes (w,) that move furthest in one of some states (s, n)."""
+    free = np.pad(states[:, : body.n_displacements], ((0, 0), (0, 1)))
+    index = np.minimum(np.asarray(body.displacement_index), body.n_displacements)
+    return np.unique([np.argmax(np.sum(state[index] ** 2, axis=1)) for state in free])
+
+
 @eqx.filter_jit
 def _softest(loads_at: LoadsAt, linear: AbstractLinearSolver, body: Body, place: Array) -> Float[Array, ""]:
-    """The largest compliance [m/N] of a body at rest under one force of the loads at a place."""
-    loads = loads_at(body, place)
+    """The largest compliance [m/N] of a body at rest under one force of the contacts at places (c, ...)."""
+    loads = _contacts(loads_at, body, place)
     solver, rows = linear.rough(), loads.rows(body, jnp.zeros(body.n))[:, loads.carrying]
     answers = solver.solve(solver.factor(body.element_tangents(jnp.zeros(body.n))), rows)
     return jnp.max(jnp.sum(rows * answers, axis=0))
