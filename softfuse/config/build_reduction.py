@@ -16,7 +16,7 @@ from softfuse.config.digest import digest
 from softfuse.errors import ConfigError
 from softfuse.estimation.atlas import Atlas, AtlasFolder
 from softfuse.estimation.device import Device
-from softfuse.reduction.cells import AbstractRegions, Cells, Electrodes
+from softfuse.reduction.cells import AbstractRegions, Cells
 from softfuse.reduction.chart import Chart
 from softfuse.reduction.load_paths import LoadPath, presses, pushes
 from softfuse.reduction.rest_stiffness import RestStiffness
@@ -29,15 +29,13 @@ _SIDE = 21
 """Contacts at so many places along each edge of a cell tell which nodes it may push."""
 
 
-def build_regions(config: DeviceConfig) -> AbstractRegions:
-    """The cells of a disc's workspace, or the electrodes that are pushed at.
-
-    Raises ConfigError when the config has no contact.
-    """
-    if config.contact is None:
-        raise ConfigError(f"{config.path}: contact: missing, a device is reduced for what presses on it")
+def build_regions(config: DeviceConfig) -> Cells:
+    """The cells of the contact's workspace. Raises ConfigError when the config has no disc for a contact."""
     if not isinstance(config.contact, DiscSettings):
-        return Electrodes(len(config.electrodes))
+        # Pushes at electrodes can be taught, but charts of few points miss the shape of a body that turns.
+        raise ConfigError(
+            f'{config.path}: contact: only devices that a "punch" or "uniform" disc presses can be reduced'
+        )
     workspace = config.contact.workspace
     low, high = zip(workspace.x, workspace.y, strict=True)
     return Cells.over(low, high, config.reduction.cell)
@@ -52,7 +50,7 @@ def reduction_mark(config: DeviceConfig) -> str:
 def with_charts(config: DeviceConfig, device: Device, folder: Path | None) -> Device | Atlas:
     """The charts of a folder that were made of the config's device; the device itself without a folder.
 
-    Raises ConfigError when the config has no contact, SoftfuseError when a chart is missing, damaged or
+    Raises ConfigError when it has no disc for a contact, SoftfuseError when a chart is missing, damaged or
     another device's.
     """
     if folder is None:
