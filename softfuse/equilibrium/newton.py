@@ -117,8 +117,10 @@ def _iterate(newton: Newton, body: AbstractBody, loads: Loads, change: Array, at
         flips, refused = rejected(damping / 2)
         return damping / 2, flipped | flips, refused
 
+    # From twice the whole step: what is in a loop is compiled once.
+    before = jnp.array(2.0), jnp.array(False), jnp.array(True)
     damping, flipped, _ = jax.lax.while_loop(
-        lambda carry: carry[2] & (carry[0] >= _SMALLEST_DAMPING), halve, (jnp.array(1.0), *rejected(1.0))
+        lambda carry: carry[2] & (carry[0] >= _SMALLEST_DAMPING), halve, before
     )
     # A step that was damped is not the last one, however short.
     left = jnp.where(damping == 1.0, length, jnp.maximum(length, 2 * newton.step_tolerance))

@@ -6,6 +6,8 @@ all θ, hence du = −(∂h/∂u)⁻¹ ∂h/∂θ dθ: exact in every parameter 
 derivatives of the body included.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -13,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.equilibrium.solution import State
 from softfuse.estimation.bounded_qp import solve_bounded_qp
-from softfuse.estimation.device import Device, compliance, simulate
+from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
 
@@ -26,11 +28,21 @@ class Converged(eqx.Module):
     steps: Int[Array, ""]
 
 
-def _slope(device: Device, seen: Observation, start: State, drive: Float[Array, " D"]) -> Float[Array, " D"]:
-    """h (D,) [1/drive]: half the gradient of the weighted misfit."""
-    value = device.reading(simulate(device, seen.places, drive, start).state)
-    misfit = jnp.where(seen.weight > 0, (value - seen.reading) * seen.weight**2, 0.0)
-    return compliance(device, seen.places, drive, start).T @ misfit
+class _Misfit(NamedTuple):
+    """At some drives: W (k, D), and half the gradient h (D,) [1/drive] of the weighted misfit."""
+
+    compliance: Float[Array, "k D"]
+    slope: Float[Array, " D"]
+
+
+def _misfit(device: Device, seen: Observation, start: State, drive: Float[Array, " D"]) -> _Misfit:
+    def read(given):
+        value = device.reading(simulate(device, seen.places, given, start).state)
+        return value, value
+
+    # One equilibrium for both.
+    w, value = jax.jacfwd(read, has_aux=True)(drive)
+    return _Misfit(w, w.T @ jnp.where(seen.weight > 0, (value - seen.reading) * seen.weight**2, 0.0))
 
 
 @eqx.filter_custom_jvp
@@ -39,11 +51,10 @@ def _converged(device: Device, seen: Observation, limits: Limits, start: State, 
 
     def improve(carry):
         drive, _, count = carry
-        w = compliance(device, seen.places, drive, start)
-        whitened = w * seen.weight[:, None]
+        at = _misfit(device, seen, start, drive)
+        whitened = at.compliance * seen.weight[:, None]
         q = whitened.T @ whitened + jnp.diag(limits.regularisation)
-        slope = _slope(device, seen, start, drive)
-        change, _ = solve_bounded_qp(q, -slope, limits.lower - drive, limits.upper - drive)
+        change, _ = solve_bounded_qp(q, -at.slope, limits.lower - drive, limits.upper - drive)
         return drive + change, jnp.any(jnp.abs(change) > tolerance), count + 1
 
     first = (start.drive, jnp.array(True), jnp.array(0))
@@ -59,9 +70,9 @@ def _converged_jvp(primals, tangents):
     drive = found.drive
     free = (drive > limits.lower) & (drive < limits.upper)
     _, slope_dot = eqx.filter_jvp(
-        lambda device, seen: _slope(device, seen, start, drive), (device, seen), (device_dot, seen_dot)
+        lambda device, seen: _misfit(device, seen, start, drive).slope, (device, seen), (device_dot, seen_dot)
     )
-    curvature = jax.jacfwd(lambda u: _slope(device, seen, start, u))(drive)
+    curvature = jax.jacfwd(lambda u: _misfit(device, seen, start, u).slope)(drive)
     matrix = jnp.where(free[:, None] & free, curvature, 0.0) + jnp.diag(jnp.where(free, 0.0, 1.0))
     drive_dot = -jnp.linalg.solve(matrix, jnp.where(free, slope_dot, 0.0))
     none = jax.tree.map(lambda _: None, found)
