@@ -149,7 +149,10 @@ def _active(q: Array, b: Array, matrix: Array, low: Array, high: Array) -> tuple
         up, down = found.dual_ineq
         return searched(equal | (down > value - low), equal | (up > high - value), _MAX_CHANGES)
 
-    # What an active set that does not change any more says are the conditions of optimality.
-    near = searched(equal, equal, _FEW_CHANGES)
-    last = jax.lax.cond(near.changed, with_guess, lambda: near)
+    # What an active set that does not change any more says are the conditions of optimality. A loop that ends
+    # after its first pass: in a batch both sides of a `cond` would always be computed.
+    near = searched(equal, equal, _FEW_CHANGES)._replace(count=jnp.array(0))
+    last = jax.lax.while_loop(
+        lambda at: at.changed & (at.count == 0), lambda at: with_guess()._replace(count=jnp.array(1)), near
+    )
     return last.at_low, last.at_high
