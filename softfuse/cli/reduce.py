@@ -21,7 +21,9 @@ def reduce(
     out: Annotated[Path, typer.Option(help="Folder for the charts; those that are there already stay.")],
     quiet: Quiet = False,
 ) -> None:
-    """Reduce a device for real time, one chart for each cell of its workspace; goes on where it stopped."""
+    """Reduce a device for real time, a chart for each cell of its workspace or electrode; goes on where it
+    stopped.
+    """
     settings = load(config)
     regions = build_regions(settings)
     folder = AtlasFolder(out, reduction_mark(settings))

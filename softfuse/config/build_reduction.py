@@ -16,26 +16,28 @@ from softfuse.config.digest import digest
 from softfuse.errors import ConfigError
 from softfuse.estimation.atlas import Atlas, AtlasFolder
 from softfuse.estimation.device import Device
-from softfuse.reduction.cells import AbstractRegions, Cells
+from softfuse.reduction.cells import AbstractRegions, Cells, Electrodes
 from softfuse.reduction.chart import Chart
 from softfuse.reduction.load_paths import LoadPath, presses, pushes
 from softfuse.reduction.rest_stiffness import RestStiffness
 from softfuse.reduction.snapshots import LoadsAt
 from softfuse.reduction.teaching import ChartSettings, teach
 
-_REVISION = 2
+_REVISION = 3
 """To be raised when other charts come of the same settings."""
 _SIDE = 21
 """Contacts at so many places along each edge of a cell tell which nodes it may push."""
 
 
-def build_regions(config: DeviceConfig) -> Cells:
-    """The cells of the contact's workspace. Raises ConfigError when the config has no disc for a contact."""
+def build_regions(config: DeviceConfig) -> AbstractRegions:
+    """The cells of a disc's workspace, or the electrodes that are pushed at.
+
+    Raises ConfigError when the config has no contact.
+    """
+    if config.contact is None:
+        raise ConfigError(f"{config.path}: contact: missing, a device is reduced for what presses on it")
     if not isinstance(config.contact, DiscSettings):
-        # Pushes at electrodes can be taught, but charts of few points miss the shape of a body that turns.
-        raise ConfigError(
-            f'{config.path}: contact: only devices that a "punch" or "uniform" disc presses can be reduced'
-        )
+        return Electrodes(len(config.electrodes))
     workspace = config.contact.workspace
     low, high = zip(workspace.x, workspace.y, strict=True)
     return Cells.over(low, high, config.reduction.cell)
@@ -50,7 +52,7 @@ def reduction_mark(config: DeviceConfig) -> str:
 def with_charts(config: DeviceConfig, device: Device, folder: Path | None) -> Device | Atlas:
     """The charts of a folder that were made of the config's device; the device itself without a folder.
 
-    Raises ConfigError when it has no disc for a contact, SoftfuseError when a chart is missing, damaged or
+    Raises ConfigError when the config has no contact, SoftfuseError when a chart is missing, damaged or
     another device's.
     """
     if folder is None:

@@ -8,16 +8,16 @@ class ReductionSettings(Settings):
     """One chart for each electrode, or for each cell of the workspace, whose edges are not longer than `cell`
     in m.
 
-    displacements, pressures: numbers of modes; sampling: relative error of the sum over points, of which
-    there are at most `points`; side: presses are followed at side x side places of a cell, each through
-    `levels` up to the largest force, with so many others `near` each; force and tension in N: up to which
-    charts are good, None: up to the largest of the contact and of the cables.
+    displacements, pressures: numbers of modes; sampling: the part of a state that may be missed because
+    energy is measured at points, at most `points` of them; side: presses are followed at side x side places
+    of a cell, each through `levels` up to the largest force, with so many others `near` each; force and
+    tension in N: up to which charts are good, None: up to the largest of the contact and of the cables.
     """
 
     cell: PositiveLength = 5e-3
     displacements: PositiveInteger = 96
     pressures: PositiveInteger = 24
-    sampling: PositiveNumber = 0.01
+    sampling: PositiveNumber = 1e-3
     points: PositiveInteger = 256
     side: PositiveInteger = 2
     levels: PositiveInteger = 4

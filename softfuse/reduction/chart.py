@@ -10,17 +10,17 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from softfuse.reduction.basis import Basis
-from softfuse.reduction.cubature import Cubature
+from softfuse.reduction.sampling import Sampling
 
 
 class Chart(NamedTuple):
-    """The `basis` of r modes; the `cubature` of the body's points that its energy is measured at; the nodes
+    """The `basis` of r modes; the `sampling` of the body's points, at which its energy is measured; the nodes
     `watched` (w,) that loads and functionals look at; how far each mode goes, the root mean square `reach`
     (r,) of the amplitudes it was taught; and the largest `compliance` [m/N] under one force of its loads.
     """
 
     basis: Basis
-    cubature: Cubature
+    sampling: Sampling
     watched: Int[np.ndarray, " w"]
     reach: Float[np.ndarray, " r"]
     compliance: float

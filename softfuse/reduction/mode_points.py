@@ -30,6 +30,13 @@ class _Moduli(NamedTuple):
     softness: Float[Array, " k"]
 
 
+class Work(NamedTuple):
+    """Work (c, k) of k points in c directions: the `whole`, and what their tangents at rest make of it."""
+
+    whole: Float[Array | np.ndarray, "c k"]
+    of_rest: Float[Array | np.ndarray, "c k"]
+
+
 class ModePoints(eqx.Module):
     """Points of one material with their `volumes` (k,) [m³]: `gradients` (9 k, m) [1/m] of m displacement
     modes, component by component; `pressures` (k, b) [Pa] of b pressure modes; and both transposed, because
@@ -128,16 +135,17 @@ class ModePoints(eqx.Module):
         """J = det F (k,) at amplitudes (n,)."""
         return determinant(_deformation(self._strained(z)[0]))
 
-    def beyond_rest(self, z: Float[Array, " n"], along: Float[Array, "n c"]) -> Float[Array, "c k"]:
-        """Every point's own work (c, k) on directions (n, c) at amplitudes (n,), without what its tangent at
-        rest makes of it.
-        """
+    def work(self, z: Float[Array, " n"], along: Float[Array, "n c"]) -> Work:
+        """Every point's own work on directions (n, c) at amplitudes (n,)."""
         strained = self._strained(z)
         still = jax.tree.map(jnp.zeros_like, strained)
-        linear = jax.jvp(self._conjugates, still, strained)[1]
-        stress, mismatch = jax.tree.map(jnp.subtract, self._conjugates(*strained), linear)
+        of_rest = jax.jvp(self._conjugates, still, strained)[1]
         h, pressure = self._strains(along)
-        return jnp.einsum("ak,akc->ck", jnp.stack(stress), h) + mismatch * pressure.T
+
+        def done(stress: _Components, mismatch: Float[Array, " k"]) -> Float[Array, "c k"]:
+            return jnp.einsum("ak,akc->ck", jnp.stack(stress), h) + mismatch * pressure.T
+
+        return Work(done(*self._conjugates(*strained)), done(*of_rest))
 
     def _strains(self, z: Float[Array, "n *c"]) -> tuple[Float[Array, "9 k *c"], Float[Array, "k *c"]]:
         """Displacement gradients and pressures of amplitudes, in the points' own precision."""

@@ -23,9 +23,12 @@ def project(body: Body, stiffness: RestStiffness, chart: Chart) -> ReducedBody:
     """The reduced body of a chart, from the full body and its tangent at rest."""
     columns, watched = chart.basis.columns, chart.watched
     n = columns.shape[1]
-    chosen = mode_points(body, chart.basis, chart.cubature.parts, chart.cubature.weights)
+    chosen = mode_points(body, chart.basis, *chart.sampling.cubature[:2])
     sample = tuple(each.padded(_in_parts(len(each.volumes))) for each in chosen)
-    counted = sum(np.asarray(eqx.filter_jit(ModePoints.tangent)(each, jnp.zeros(n))) for each in sample)
+    linear = np.zeros((n, n))
+    if chart.sampling.beyond_rest:
+        counted = (eqx.filter_jit(ModePoints.tangent)(each, jnp.zeros(n)) for each in sample)
+        linear = columns.T @ (stiffness.whole @ columns) - sum(map(np.asarray, counted))
     return ReducedBody(
         rest=body.rest,
         tets=body.tets,
@@ -35,7 +38,7 @@ def project(body: Body, stiffness: RestStiffness, chart: Chart) -> ReducedBody:
         seen=place_among(watched, body.n_nodes, len(watched)),
         seen_shapes=jnp.asarray(of_nodes(body, watched, chart.basis.displacement)),
         sample=sample,
-        linear=jnp.asarray(columns.T @ (stiffness.whole @ columns) - counted),
+        linear=jnp.asarray(linear),
         weight=jnp.asarray(columns.T @ np.asarray(body.weight)),
         rest_volume=body.volume,
         stiffness=jnp.asarray(1 / chart.compliance),

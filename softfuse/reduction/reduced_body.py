@@ -1,15 +1,16 @@
 """A body whose shape is a sum of modes, and whose energy is measured at a few weighted points.
 
 Unknowns z = (α, β): amplitudes of displacement modes, u = Σ α_k U_k, and of pressure modes. Its equations are
-those of the full body, projected onto the modes (Galerkin). Their linear part K₀ z is exact; what the energy
-has beyond its quadratic part at rest is summed over the sample, quadrature points q with volumes w_q:
+those of the full body, projected onto the modes (Galerkin). What the energy has beyond its quadratic part at
+rest is summed over the sample, quadrature points q with volumes w_q, while the linear part K₀ z is exact:
 
     r(z) = K₀ z + Σ_q w_q B_qᵀ (s(B_q z) − s'(0) B_q z) − g,
 
 with the generalised strains B_q of the modes at a point, the stresses s that answer to them, and gravity's
-work g. As the modes are the same for loads, functionals and energy, the forces have a potential and W_va
-keeps its symmetry. Source for the sampling of points: Hernández, Caicedo and Ferrer, Comput. Methods Appl.
-Mech. Eng. 313, 2017; that it is applied to what is beyond the linear part is ours.
+work g. Where that leaves more to the sample than it takes, as in a body that turns, all is summed: r = Σ w_q
+B_qᵀ s(B_q z) − g. As the modes are the same for loads, functionals and energy, the forces have a potential
+and W_va keeps its symmetry. Source for the sampling of points: Hernández, Caicedo and Ferrer, Comput. Methods
+Appl. Mech. Eng. 313, 2017; that it is applied to what is beyond the linear part is ours.
 """
 
 from collections.abc import Callable
@@ -29,8 +30,8 @@ class ReducedBody(AbstractBody):
     `modes` (u, m) [m]: the displacement modes; `index` (k, 3): which of their rows each node's components
     are, u or more for held ones; `seen` (k,): the place of each watched node in `seen_shapes` (w, 3, m) [m],
     w for nodes that nothing looks at; `sample`: the weighted points, those of each material together, in
-    numbers that `parts` divides; `linear` (n, n): K₀ − Σ w B_qᵀ s'(0) B_q; `weight` (n,): g; `rest_volume`
-    [m³]; `stiffness` [N/m]: of the body under a contact, by which energies are told as forces.
+    numbers that `parts` divides; `linear` (n, n): K₀ − Σ w B_qᵀ s'(0) B_q, or 0; `weight` (n,): g;
+    `rest_volume` [m³]; `stiffness` [N/m]: of the body under a contact, by which energies are told as forces.
     """
 
     rest: Float[Array, "k 3"]

@@ -23,13 +23,13 @@ from softfuse.reduction.strained_points import mode_points
 
 @dataclass(frozen=True)
 class ChartSettings:
-    """How fine a chart is: numbers of modes of `displacements` and `pressures`, the relative `tolerance` of
-    the cubature, and the `most_points` it may take.
+    """How fine a chart is: numbers of modes of `displacements` and `pressures`, the `tolerance` [-] of the
+    cubature, see `sampled`, and the `most_points` it may take.
     """
 
     displacements: int = 128
     pressures: int = 40
-    tolerance: float = 2e-2
+    tolerance: float = 1e-3
     most_points: int = 400
 
 
@@ -59,15 +59,20 @@ def teach(
     basis = basis_of(
         stiffness, found.states, displacements=settings.displacements, pressures=settings.pressures
     )
-    amplitudes = basis.amplitudes(found.states, stiffness)
-    points = mode_points(body, basis)
-    cubature = sampled(points, amplitudes, tolerance=settings.tolerance, most=settings.most_points)
+    amplitudes = basis.amplitudes(found.z.reshape(-1, body.n), stiffness).reshape(*found.found.shape, -1)
+    sampling = sampled(
+        mode_points(body, basis),
+        amplitudes.reshape(-1, *amplitudes.shape[2:]),
+        found.found.reshape(-1, found.found.shape[2]),
+        tolerance=settings.tolerance,
+        most=settings.most_points,
+    )
     pushed = np.any([np.asarray(_pushed(loads_at, body, place)) for place in around], axis=0)
     return Chart(
         basis,
-        cubature,
+        sampling,
         np.union1d(_furthest(body, found.states), np.flatnonzero(pushed)),
-        np.sqrt(np.mean(amplitudes**2, axis=0)),
+        np.sqrt(np.mean(amplitudes[found.found] ** 2, axis=0)),
         float(_softest(loads_at, linear, body, paths[0].place)),
     )
 

@@ -8,6 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from softfuse.config import load
+from softfuse.config.build_reduction import build_regions
+from softfuse.errors import ConfigError
+
 RECORDING = Path(__file__).parents[1] / "data" / "pad_nominal_two_presses.csv.gz"
 FRAMES = 330
 
@@ -78,6 +82,6 @@ def test_charts_of_another_pad_are_refused(coarse, charts, code_of, tmp_path, ca
     assert "another device" in " ".join(capsys.readouterr().err.split())
 
 
-def test_a_device_without_a_disc_cannot_be_reduced_yet(coarse_finger, code_of, tmp_path, capsys) -> None:
-    assert code_of("reduce", coarse_finger(), "--out", tmp_path / "charts") == 2
-    assert '"punch" or "uniform"' in " ".join(capsys.readouterr().err.split())
+def test_a_device_that_nothing_presses_is_not_reduced(coarse) -> None:
+    with pytest.raises(ConfigError, match="contact: missing"):
+        build_regions(load(coarse).model_copy(update={"contact": None}))

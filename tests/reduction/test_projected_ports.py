@@ -24,6 +24,7 @@ from softfuse.reduction.chart import Chart
 from softfuse.reduction.cubature import Cubature
 from softfuse.reduction.projected_ports import projected_load
 from softfuse.reduction.rest_stiffness import rest_stiffness
+from softfuse.reduction.sampling import Sampling
 
 MODES = 8
 PLACE = jnp.array([4, 10])
@@ -55,7 +56,7 @@ def pair(linear_finger: Callable[..., Path]) -> Pair:
     modes[index[free]] = nodal[free]
     basis = Basis(modes[: body.n_displacements], np.zeros((body.n - body.n_displacements, 0)))
     count = body.volumes.size
-    every = Cubature(np.arange(count), np.ones(count), 0.0)
+    every = Sampling(Cubature(np.arange(count), np.ones(count), 0.0), True)
     chart = Chart(basis, every, np.array([0]), np.ones(MODES), 1e-3)
     return Pair(full, reduced_device(full, rest_stiffness(body), chart), basis.columns, chart)
 

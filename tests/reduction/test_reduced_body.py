@@ -28,7 +28,7 @@ from softfuse.reduction.load_paths import LoadPath, presses
 from softfuse.reduction.projection import project
 from softfuse.reduction.reduced_body import ReducedBody
 from softfuse.reduction.rest_stiffness import RestStiffness, rest_stiffness
-from softfuse.reduction.sampling import sampled
+from softfuse.reduction.sampling import Sampling, sampled
 from softfuse.reduction.snapshots import snapshots
 from softfuse.reduction.strained_points import mode_points
 from softfuse.reduction.teaching import ChartSettings, teach
@@ -102,13 +102,14 @@ def heavy(request: pytest.FixtureRequest) -> Body:
     )
 
 
-def test_with_all_elements_it_is_the_projection_of_the_full_body(heavy: Body) -> None:
+@pytest.mark.parametrize("beyond_rest", [True, False])
+def test_with_all_points_it_is_the_projection_of_the_full_body(heavy: Body, beyond_rest: bool) -> None:
     random = np.random.default_rng(3)
     u, c = heavy.n_displacements, heavy.n - heavy.n_displacements
     basis = Basis(random.normal(size=(u, 9)), random.normal(size=(c, 4 if c else 0)))
     count = heavy.volumes.size
     every = Cubature(np.arange(count), np.ones(count), 0.0)
-    chart = Chart(basis, every, np.arange(heavy.n_nodes), np.ones(9), 1.0)
+    chart = Chart(basis, Sampling(every, beyond_rest), np.arange(heavy.n_nodes), np.ones(9), 1.0)
     reduced = project(heavy, rest_stiffness(heavy), chart)
     modes = basis.columns
     z = 1e-5 * random.normal(size=reduced.n)
@@ -219,9 +220,10 @@ def test_unseen_presses_are_within_a_percent_of_the_full_body(device, taught, pl
         jnp.max(jnp.abs(volumes))
     )
     assert taught.device.body.n < 0.03 * device.body.n
-    assert len(taught.chart.cubature.parts) < 0.1 * device.body.volumes.size
+    assert len(taught.chart.sampling.cubature.parts) < 0.1 * device.body.volumes.size
 
 
+@pytest.mark.slow
 def test_its_compliance_is_that_of_the_full_body_and_the_slope_of_its_own_readings(device, taught) -> None:
     (place, force), h = UNSEEN[0], 1e-4
     drive = jnp.array([force])
@@ -297,7 +299,13 @@ def test_snapshots_end_where_the_body_cannot_carry_the_load(device) -> None:
 def test_a_state_at_rest_is_refused(device, taught) -> None:
     still = np.append(taught.states, np.zeros((1, taught.states.shape[1])), axis=0)
     with pytest.raises(SolveError, match="training state 3 is the body at rest"):
-        sampled(mode_points(device.body, taught.chart.basis), still, tolerance=1e-2, most=10)
+        sampled(
+            mode_points(device.body, taught.chart.basis),
+            still[None],
+            np.ones((1, len(still)), bool),
+            tolerance=1e-2,
+            most=10,
+        )
 
 
 def test_a_reduced_device_is_not_reduced_again(taught, stiffness) -> None:

@@ -1,0 +1,51 @@
+"""A finger that bends far, on a chart of few points."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.body import Body
+from softfuse.config import load
+from softfuse.config.build_device import build_device
+from softfuse.config.build_reduction import Teacher, build_regions
+from softfuse.equilibrium.solution import RESULTS
+from softfuse.estimation.device import simulate
+from softfuse.estimation.reduced_device import reduced_device
+from softfuse.reduction.rest_stiffness import rest_stiffness
+
+CHANGES = (
+    ("sampling = 0.0003 ", "sampling = 0.0005\nlevels = 2\nnear = 4 "),
+    ('force = "2 N" ', 'force = "1.5 N" '),
+    ('tension = "4 N"', 'tension = "3 N"'),
+)
+PLACE = jnp.array([7])
+
+
+@pytest.mark.slow
+def test_what_was_not_taught_is_that_of_the_full_finger(linear_finger: Callable[..., Path]) -> None:
+    """Pushes beside each other while the cable pulls: the shape to 0.3 % of the furthest way of a node."""
+    config = load(linear_finger(*CHANGES))
+    device, regions = build_device(config), build_regions(config)
+    assert isinstance(device.body, Body) and len(regions) == len(config.electrodes)
+    stiffness = rest_stiffness(device.body)
+    chart = Teacher(config, device, stiffness, regions).chart(int(PLACE[0]))
+    assert (
+        not chart.sampling.beyond_rest and len(chart.sampling.cubature.parts) < device.body.volumes.size / 2
+    )
+    small = reduced_device(device, stiffness, chart)
+    for push, pull in ((1.0, 1.3), (0.4, 2.6)):
+        drive = device.rest_state(PLACE).drive.at[:3].set(jnp.array([0.7 * push, 0.3 * push, pull]))
+        exact, found = (jax.block_until_ready(simulate(each, PLACE, drive)) for each in (device, small))
+        assert exact.result == found.result == RESULTS.converged
+        shape, nearly = (each.body.displacement(at.state.z) for each, at in ((device, exact), (small, found)))
+        way = float(jnp.max(jnp.linalg.norm(shape, axis=1)))
+        assert way > 5e-3
+        assert float(jnp.max(jnp.linalg.norm(nearly - shape, axis=1))) < 3e-3 * way
+        cable, *pressures = np.asarray(device.reading(exact.state))
+        nearly_cable, *nearly_pressures = np.asarray(small.reading(found.state))
+        assert abs(nearly_cable - cable) < 0.02 * abs(cable)
+        np.testing.assert_allclose(nearly_pressures, pressures, atol=0.05 * np.ptp(pressures))
