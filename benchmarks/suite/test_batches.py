@@ -1,0 +1,64 @@
+"""Estimates and equilibria a second in batches, on all of JAX's devices, reduced and full."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from suite_pads import PLACES, pad
+
+from softfuse.config.build_reduction import Teacher, build_regions
+from softfuse.estimation.batch import batched
+from softfuse.estimation.device import Device, simulate
+from softfuse.estimation.reduced_device import reduced_device
+from softfuse.estimation.step import Observation, exact_steps
+from softfuse.reduction.rest_stiffness import rest_stiffness
+
+NODES = 2115
+AT_ONCE = {"reduced": 64, "full": 4}
+
+
+@pytest.fixture(scope="module")
+def devices() -> dict[str, Device]:
+    """A pad, full and reduced around the first place."""
+    config, full = pad(NODES).config, pad(NODES).device
+    regions, stiffness = build_regions(config), rest_stiffness(full.body)
+    number = regions.find(PLACES[0])
+    assert number is not None
+    chart = Teacher(config, full, stiffness, regions).chart(number)
+    return {"full": full, "reduced": reduced_device(full, stiffness, chart)}
+
+
+def _estimate(shared, seen):
+    device, limits, rest = shared
+    after, _ = exact_steps(device, limits, rest, seen, steps=4)
+    return after.drive
+
+
+def _read(device, at):
+    return device.reading(simulate(device, *at).state)
+
+
+@pytest.mark.parametrize(
+    "body, count", [("reduced", n) for n in (1, 16, 64, 1024)] + [("full", 1), ("full", 8)]
+)
+@pytest.mark.parametrize("what", ["estimates", "equilibria"])
+def test_batch(benchmark, devices: dict[str, Device], body: str, count: int, what: str) -> None:
+    device, random = devices[body], np.random.default_rng(3)
+    places = jnp.asarray(PLACES[0] + random.uniform(-1e-3, 1e-3, (count, 1, 3)) * [1.0, 1.0, 0.0])
+    forces = jnp.asarray(random.uniform(1.0, 8.0, (count, 1)))
+    read = batched(_read, devices["reduced"], (places, forces))
+    if what == "equilibria":
+        function, shared, many = _read, device, (places, forces)
+    else:
+        function, shared = _estimate, (device, pad(NODES).limits(), device.rest_state(places[0]))
+        many = Observation(read, jnp.full(read.shape, 1e9), places)
+
+    def solve():
+        return jax.block_until_ready(batched(function, shared, many, at_once=AT_ONCE[body]))
+
+    found = solve()
+    if what == "estimates" and body == "reduced":
+        np.testing.assert_allclose(found, forces, rtol=1e-3)
+    benchmark.pedantic(solve, rounds=3)
+    rate = count / benchmark.stats.stats.median
+    benchmark.extra_info.update(count=count, a_second=rate, devices=jax.device_count())

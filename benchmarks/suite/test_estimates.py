@@ -1,0 +1,102 @@
+"""The estimate step, full and reduced, over the mesh and over the contacts; and its gradient.
+
+A reduced pad is one chart of a cell, taught here; the contact stays in it.
+"""
+
+import time
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from suite_pads import CONFIGS, MESHES, PLACES, megabytes, pad, press, time_frames
+
+from softfuse.config import load
+from softfuse.config.build_device import build_device, build_limits, build_step_settings
+from softfuse.config.build_reduction import Teacher, build_regions
+from softfuse.estimation.device import simulate
+from softfuse.estimation.estimator import Estimator
+from softfuse.estimation.reduced_device import reduced_device
+from softfuse.estimation.step import Observation, exact_steps
+from softfuse.reduction.rest_stiffness import rest_stiffness
+
+FRAMES = 200
+LARGEST = max(MESHES)
+
+
+def _time_estimates(benchmark, device, limits, frames, settings=None, **said) -> None:
+    estimator = Estimator(device, limits, jnp.asarray(frames[0].places), *([settings] if settings else []))
+    for seen in frames[:3]:
+        estimator.update(seen)
+    estimator.reset()
+    memory = megabytes(estimator.live.first.arrays, estimator.live.first.rest)
+    time_frames(benchmark, estimator.update, frames, memory_MB=memory, compile_s=estimator.compile_s, **said)
+
+
+@pytest.mark.parametrize("nodes", MESHES)
+def test_full_step(benchmark, nodes: int) -> None:
+    device = pad(nodes).device
+    frames = press(device, 1, FRAMES)
+    _time_estimates(benchmark, device, pad(nodes).limits(), frames, nodes=nodes, unknowns=device.body.n)
+
+
+@pytest.mark.parametrize("contacts", [2, 3, 4])
+def test_full_step_of_several_contacts(benchmark, contacts: int) -> None:
+    device = pad(4391).device
+    frames = press(device, contacts, FRAMES)
+    said = {"nodes": 4391, "contacts": contacts}
+    _time_estimates(benchmark, device, pad(4391).limits(contacts), frames, **said)
+
+
+@pytest.mark.parametrize("nodes", MESHES)
+def test_reduced_step(benchmark, nodes: int) -> None:
+    config, device = pad(nodes).config, pad(nodes).device
+    regions, stiffness = build_regions(config), rest_stiffness(device.body)
+    number = regions.find(PLACES[0])
+    assert number is not None
+    # Where the chart is good: not at the edge of its cell, which the contact would leave.
+    frames = press(device, 1, 10 * FRAMES, place=regions[number].centre)
+    started = time.perf_counter()
+    chart = Teacher(config, device, stiffness, regions).chart(number)
+    teaching = time.perf_counter() - started
+    small = reduced_device(device, stiffness, chart)
+    said = {"nodes": nodes, "unknowns": small.body.n, "teaching_s": teaching}
+    _time_estimates(benchmark, small, pad(nodes).limits(), frames, **said)
+
+
+def test_full_step_of_the_finger(benchmark) -> None:
+    config = load(CONFIGS / "finger.toml")
+    device, limits = build_device(config), build_limits(config, 1)
+    place = jnp.array([7])
+    drive = device.rest_state(place).drive.at[2].set(2.0).at[0].set(0.5)
+    state = simulate(device, place, drive).state
+    reading, weight = np.asarray(device.reading(state)), np.full(device.readings, 0.1)
+    weight[0] = 2e4
+    ramp = np.minimum(np.linspace(0.0, 1.25, 40), 1.0)
+    frames = [Observation.on_host(share * reading, weight, np.asarray(place)) for share in ramp]
+    said = {"nodes": device.body.n_nodes, "unknowns": device.body.n}
+    _time_estimates(benchmark, device, limits, frames, build_step_settings(config), **said)
+
+
+@pytest.mark.parametrize("nodes", [nodes for nodes in MESHES if nodes < LARGEST])
+@pytest.mark.parametrize("what", ["estimate", "gradient"])
+def test_exact_step(benchmark, nodes: int, what: str) -> None:
+    """A step with a new factor, and its force with the gradient in all that it is computed from: rest nodes,
+    materials, readings and weights, the place, the limits and the state before.
+    """
+    device, place = pad(nodes).device, jnp.asarray(PLACES[:1])
+    before, now = (simulate(device, place, jnp.array([force])).state for force in (5.0, 5.5))
+    seen = Observation(device.reading(now), jnp.full(device.readings, 1e9), place)
+    inputs, rest = eqx.partition((device, pad(nodes).limits(), before, seen), eqx.is_inexact_array)
+    indices, static = eqx.partition(rest, eqx.is_array)
+
+    def force(inputs, indices):
+        after, _ = exact_steps(*eqx.combine(inputs, indices, static), steps=1)
+        return after.drive[0]
+
+    program = jax.jit(force if what == "estimate" else jax.value_and_grad(force))
+    jax.block_until_ready(program(inputs, indices))
+    benchmark.pedantic(lambda: jax.block_until_ready(program(inputs, indices)), rounds=9)
+    count = sum(leaf.size for leaf in jax.tree.leaves(inputs))
+    benchmark.extra_info.update(nodes=nodes, inputs=count)

@@ -1,0 +1,73 @@
+"""Equilibria and linear-tet steps, ours and what a user would otherwise write: see `peers`."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import peers
+import pytest
+from sofa_pad import SOFA_MS, readings, sofa_pad
+from suite_pads import MESHES, PLACES, pad
+
+from softfuse.estimation.device import simulate
+from softfuse.estimation.estimator import Estimator
+from softfuse.estimation.limits import Limits
+from softfuse.estimation.step import Observation
+
+FORCE_N = 5.0
+RADIUS_M = 8e-3
+SMALL = [nodes for nodes in MESHES if nodes < 2500]
+"""Where dense tangents fit into some minutes."""
+
+
+def _pushed(nodes: int):
+    """The pad under a force shared by the nodes of its top around the first place."""
+    device = pad(nodes).device
+    rest = np.asarray(device.body.rest)
+    near = np.linalg.norm(rest[:, :2] - PLACES[0, :2], axis=1) < RADIUS_M
+    return peers.shared_force(device, np.flatnonzero(near & (rest[:, 2] > rest[:, 2].max() - 1e-6)))
+
+
+@pytest.mark.parametrize("nodes", MESHES)
+@pytest.mark.parametrize("way", ["ours", "superlu", "dense"])
+def test_equilibrium(benchmark, nodes: int, way: str) -> None:
+    """All to the same residual; the others take the increments of force that ours find they need."""
+    if way == "dense" and nodes not in SMALL:
+        pytest.skip("a dense tangent of this size takes minutes to factor")
+    device, none, force = _pushed(nodes), jnp.zeros((1, 3)), jnp.array([FORCE_N])
+    exact = simulate(device, none, force)
+    push = np.asarray(device.loads(none).rows(device.body, jnp.zeros(device.body.n)) @ force)
+    if way == "ours":
+        program = eqx.filter_jit(lambda d: simulate(d, none, force).state.z)
+        solve = lambda: np.asarray(program(device))  # noqa: E731
+    else:
+        newton = peers.DenseNewton(device.body) if way == "dense" else peers.SparseNewton(device.body)
+        solve = lambda: newton.solve(push, increments=int(exact.stats.load_steps))  # noqa: E731
+    np.testing.assert_allclose(solve(), exact.state.z, rtol=0, atol=1e-6 * np.abs(exact.state.z).max())
+    benchmark.pedantic(solve, rounds=3)
+    benchmark.extra_info.update(nodes=nodes, unknowns=device.body.n)
+
+
+@pytest.mark.parametrize("mesh", SOFA_MS)
+@pytest.mark.parametrize("way", ["ours", "superlu"])
+def test_linear_tet_step(benchmark, mesh: str, way: str) -> None:
+    """One force from four volumes, on linear corotational tets, rising and falling."""
+    device, frames = sofa_pad(mesh), 60
+    force = 5.0 * np.abs(np.interp(np.arange(frames), [0, frames / 2, frames], [0, 1, 0]))
+    weight = np.full(device.readings, 1e9)
+    seen = [Observation.on_host(each, weight, np.zeros((1, 3))) for each in readings(device, force)]
+    if way == "ours":
+        limits = Limits(jnp.zeros(1), jnp.full(1, 50.0), jnp.zeros(1))
+        follow = Estimator(device, limits, jnp.zeros((1, 3)))
+    else:
+        follow = peers.PaperStep(device)
+    for each in seen:
+        follow.update(each)
+    follow.reset()
+    coming, found = iter(seen), []
+    benchmark.pedantic(
+        lambda frame: found.append(follow.update(frame).drive[0]),
+        setup=lambda: ((next(coming),), {}),
+        rounds=frames,
+    )
+    off = float(np.max(np.abs(np.array(found) - force)))
+    benchmark.extra_info.update(nodes=device.body.n_nodes, force_off_N=off)
