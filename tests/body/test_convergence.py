@@ -98,6 +98,7 @@ def errors(irregular, equilibrate) -> Callable[..., tuple[float, float]]:
     return measure
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("element", "poisson", "which", "sizes", "slope"),
     [

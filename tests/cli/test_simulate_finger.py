@@ -24,6 +24,7 @@ def coarse(linear_finger: Callable[..., Path]) -> Path:
     return linear_finger()
 
 
+@pytest.mark.slow
 def test_a_push_and_a_pull_give_numbers_and_a_shape(
     code_of: Callable[..., int], tmp_path: Path, coarse: Path
 ) -> None:

@@ -80,6 +80,7 @@ def rows_in(folder: Path) -> Rows:
     return ds.dataset(sorted(map(str, folder.glob("part-*.parquet")))).to_table().to_pylist()
 
 
+@pytest.mark.slow
 def test_rows_are_those_of_single_simulations_and_none_is_computed_twice(
     code_of: Callable[..., int],
     capsys: pytest.CaptureFixture[str],
@@ -163,6 +164,7 @@ def test_a_case_that_fails_is_a_row(
     assert crushed["dV3_mm3"] is None and crushed["force_N"] == 30e3 and crushed["newton_iterations"] > 0
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_is_told_and_costs_nothing(
     code_of: Callable[..., int],
     caplog: pytest.LogCaptureFixture,
@@ -223,6 +225,7 @@ def test_an_interrupt_leaves_what_is_finished_and_only_the_loopback_is_listened_
     assert {row["result"] for row in rows_in(out)} == {"converged"}
 
 
+@pytest.mark.slow
 def test_a_finger_is_pressed_while_its_cable_is_shortened(
     linear_finger: Callable[..., Path], plan: Callable[[str], Path]
 ) -> None:

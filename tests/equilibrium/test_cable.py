@@ -103,6 +103,7 @@ def test_friction_follows_euler_and_eytelwein() -> None:
     np.testing.assert_allclose(jnp.sum(forces, axis=0), [-2.0, 0.0, 0.0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_tension_and_shortening_are_each_others_inverse(beam, pulled, shortened) -> None:
     by_length = _equilibrium(beam, shortened, 0.004)
     tension = float(by_length.internal[0])
@@ -155,6 +156,7 @@ def test_a_point_of_a_curved_element_is_found_inside_it(box) -> None:
     )
 
 
+@pytest.mark.slow
 def test_gradients_are_the_differences_of_full_solves(beam, pulled) -> None:
     """Tip and tension in guide positions, stiffness and shortening."""
     newton = Newton(Dense.plan(beam), step_tolerance=1e-12)

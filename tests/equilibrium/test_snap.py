@@ -59,6 +59,7 @@ def limit(dome) -> float:
     return load
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beyond", (1.02, 1.05, 1.2))
 def test_a_load_beyond_the_limit_ends_before_the_snap(dome, limit: float, beyond: float) -> None:
     found = dome(beyond * limit)

@@ -92,6 +92,7 @@ def _stiffness(poisson: float) -> float:
     return (3 * lame + 2 * mu + 4 * mu * ratio) / 3 / (ratio - 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("poisson", [0.3, 0.49])
 def test_a_sphere_swells_as_lame_says(sphere, poisson: float) -> None:
     pressure = 1.0  # Pa, 1e-5 of E: strains whose squares do not matter
@@ -180,6 +181,7 @@ def test_a_following_pressure_adds_its_second_derivative_to_the_tangent(sphere) 
     assert np.abs(np.asarray(exact - plain)).max() > 1e-3 * np.abs(exact).max()
 
 
+@pytest.mark.slow
 def test_the_pressure_of_sealed_gas_has_the_derivatives_of_its_law(sphere) -> None:
     """dp/dP₀ through the equilibrium, by jvp and vjp, against differences of full solves."""
     ball = sphere(1, 0.3)

@@ -97,6 +97,7 @@ def test_an_unreachable_target_is_told_by_what_is_missing(robot: Robot, reached)
     assert float(jnp.linalg.norm(report.misfit[:3])) > 7e-3
 
 
+@pytest.mark.slow
 def test_a_cable_of_known_length_is_an_equality(robot: Robot, reached) -> None:
     """The cable below is 4 mm shorter whatever the target says; the other one does what it can."""
     endless = jnp.full(2, jnp.inf)
@@ -152,6 +153,7 @@ def test_in_no_time_nothing_with_a_rate_changes(robot: Robot) -> None:
     np.testing.assert_allclose(limits.strokes[1], [6e-3, 2e-3])
 
 
+@pytest.mark.slow
 def test_pushes_on_two_sides_are_told_apart(robot: Robot) -> None:
     """Two contacts along the current normals and no cable: the tip's coordinates tell both."""
     device, places = robot.device, jnp.array([0, 1])
@@ -169,6 +171,7 @@ def test_pushes_on_two_sides_are_told_apart(robot: Robot) -> None:
     np.testing.assert_allclose(state.drive, true, rtol=1e-5, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_contact_is_in_the_middle_of_its_place_unless_the_readings_say_otherwise(robot: Robot) -> None:
     """Two patches 10 mm apart whose forces stand for one between them; it presses 2.5 mm beside it."""
     sides = np.array([[[0.038, SIDE, 0.006], [0.048, SIDE, 0.006]]])

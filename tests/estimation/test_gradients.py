@@ -97,6 +97,7 @@ def _agree(function: Callable[[Given], jnp.ndarray], tolerance: float) -> None:
         np.testing.assert_allclose(slope(direction), expected, rtol=tolerance, atol=tolerance * size)
 
 
+@pytest.mark.slow
 def test_tip_and_pressures(pulled: Device) -> None:
     def measured(given: Given) -> jnp.ndarray:
         device = _with(pulled, given)
@@ -111,6 +112,7 @@ def test_tip_and_pressures(pulled: Device) -> None:
     _agree(measured, 1e-5)
 
 
+@pytest.mark.slow
 def test_estimated_force(pulled: Device) -> None:
     sealed = jnp.full(2, SEALED)
     limits = Limits(

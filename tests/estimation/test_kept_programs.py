@@ -82,6 +82,7 @@ def test_a_kept_program_gives_the_same_bits_and_is_not_traced(plain_device, one,
     assert same_bits(fresh, compiled)
 
 
+@pytest.mark.slow
 def test_another_setting_makes_another_step_only(plain_device, one, folder, traced):
     pressed(plain_device, one)
     del traced[:]
@@ -159,6 +160,7 @@ def test_the_file_of_another_program_is_not_taken_for_it(folder):
     np.testing.assert_allclose(found, lame_constants(0.3e6, POISSON), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_what_calls_another_library_is_traced_at_every_start(plain_device, one, folder, traced):
     device = replace(plain_device, linear=SparseLU.plan(plain_device.body))
     first = pressed(device, one)

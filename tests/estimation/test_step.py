@@ -100,6 +100,7 @@ def _parameters(device, seen, factor, shift, extra):
     return softer, moved
 
 
+@pytest.mark.slow
 def test_unrolled_and_implicit_gradients_agree_with_differences(
     device, stepped, converged, unregularised, seen
 ) -> None:

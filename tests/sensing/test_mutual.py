@@ -237,6 +237,7 @@ def test_the_baseline_is_frozen_while_something_touches(seen_under) -> None:
     np.testing.assert_allclose(first, last, atol=60)
 
 
+@pytest.mark.slow
 def test_gradients_are_finite_and_those_of_the_fit(grid, model) -> None:
     truth = Sources(jnp.array([[3 * MM, -5 * MM]]), jnp.array([0.9]), jnp.array([0.0]))
 
