@@ -11,7 +11,7 @@ from cold_start import ROOT, run
 @pytest.mark.parametrize("cache", ["empty", "warm"])
 def test_first_estimate(benchmark, cache: str) -> None:
     recording = ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz"
-    given = argparse.Namespace(config=ROOT / "configs" / "pad.toml", recording=recording)
+    given = argparse.Namespace(config=ROOT / "configs" / "pad.toml", recording=recording, charts=None)
     with tempfile.TemporaryDirectory() as shared:
         if cache == "warm":
             run("api", given, Path(shared))

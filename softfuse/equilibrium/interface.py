@@ -3,8 +3,9 @@
 x = (f, w) are the forces (f̃ of `HeldLoads`) and internal unknowns of all loads, y₀ (P,) the ports' values of
 the body relaxed without them, S (P, Q) [y per f] its compliance. E is piecewise smooth: where a cell touches
 or lifts off, or a cable goes slack, a law changes branch. Newton's method on it is then the primal-dual
-active set method and ends after finitely many changes of branch (Hintermüller, Ito and Kunisch, SIAM J.
-Optim. 13(3), 2002).
+active set method, which ends after finitely many changes of branch where ports are nearly independent
+(Hintermüller, Ito and Kunisch, SIAM J. Optim. 13(3), 2002). Where a coarse mesh ties cells to each other it
+goes in circles; damped until its simplified correction shrinks, it does not (Deuflhard, as in `newton`).
 """
 
 import equinox as eqx
@@ -14,7 +15,9 @@ from jaxtyping import Array, Bool, Float
 
 from softfuse.equilibrium.load import HeldLoads
 
-_MAX_ITERATIONS = 60
+_MAX_ITERATIONS = 120
+_WHOLE = 5  # first iterations, which are not damped: nearly all problems need no more
+_SMALLEST_DAMPING = 1 / 1024
 _TOLERANCE = 1e-10  # of the unknowns' size, or of their units where those are larger
 
 
@@ -61,27 +64,24 @@ def settle(
 ) -> Settled:
     """Solve the laws for forces and internal unknowns, searching from `start`.
 
-    `free` (P,): y₀; `compliance` (P, Q); `drive` (D,). The derivative is that of one Newton step from the
-    solution: exact to first order.
+    `free` (P,): y₀; `compliance` (P, Q); `drive` (D,). The derivative is that of the implicit function, to
+    any order, on the solution's branch.
     """
     x, found = _searched(loads, free, compliance, drive, jax.lax.stop_gradient(jnp.concatenate(start)))
     q = compliance.shape[1]
     return Settled(x[:q], x[q:], found)
 
 
-def _better(
-    x: Float[Array, " r"],
-    loads: HeldLoads,
-    free: Float[Array, " P"],
-    compliance: Float[Array, "P Q"],
-    drive: Float[Array, " D"],
-) -> Float[Array, " r"]:
-    """Forces and internal unknowns (r,) after one Newton step."""
-    q = compliance.shape[1]
-    force, internal = x[:q], x[q:]
-    y = free + compliance @ force
-    matrix = stiffness(slopes(loads, (force, internal), y, drive), compliance)
-    return x - jnp.linalg.solve(matrix, loads.equations(force, internal, y, drive))
+def _law(x: Array, loads: HeldLoads, free: Array, compliance: Array, drive: Array) -> Float[Array, " r"]:
+    """E (r,) at forces and internal unknowns x (r,)."""
+    force, internal = x[: compliance.shape[1]], x[compliance.shape[1] :]
+    return loads.equations(force, internal, free + compliance @ force, drive)
+
+
+def _slope(x: Array, loads: HeldLoads, free: Array, compliance: Array, drive: Array) -> Float[Array, "r r"]:
+    """dE/dx (r, r) there."""
+    force, internal = x[: compliance.shape[1]], x[compliance.shape[1] :]
+    return stiffness(slopes(loads, (force, internal), free + compliance @ force, drive), compliance)
 
 
 @eqx.filter_custom_jvp
@@ -94,11 +94,27 @@ def _searched(
 ) -> tuple[Float[Array, " r"], Bool[Array, ""]]:
     """Newton's method from `start` (r,), and whether it came to an end."""
     units = loads.units()
+    given = loads, free, compliance, drive
 
     def improve(carry):
         x, _, count = carry
-        after = _better(x, loads, free, compliance, drive)
-        return after, jnp.max(jnp.abs(after - x) / jnp.maximum(units, jnp.abs(x))), count + 1
+        factor = jax.scipy.linalg.lu_factor(_slope(x, *given))
+
+        def correction(x):
+            return -jax.scipy.linalg.lu_solve(factor, _law(x, *given))
+
+        step = correction(x)
+
+        def refused(damping):
+            left = jnp.linalg.norm(correction(x + damping * step) / units)
+            return ~(left <= (1 - damping / 4) * jnp.linalg.norm(step / units))
+
+        damping = jax.lax.while_loop(
+            lambda damping: (count >= _WHOLE) & (damping > _SMALLEST_DAMPING) & refused(damping),
+            lambda damping: damping / 2,
+            jnp.array(1.0),
+        )
+        return x + damping * step, jnp.max(jnp.abs(step) / jnp.maximum(units, jnp.abs(x))), count + 1
 
     def unfinished(carry):
         _, change, count = carry
@@ -113,5 +129,5 @@ def _searched_jvp(primals, tangents):
     *given, start = primals
     x, found = _searched(*given, start)
     *moved, _ = tangents
-    _, along = eqx.filter_jvp(lambda *at: _better(jax.lax.stop_gradient(x), *at), tuple(given), tuple(moved))
-    return (x, found), (along, None)
+    _, along = eqx.filter_jvp(lambda *at: _law(x, *at), tuple(given), tuple(moved))
+    return (x, found), (-jnp.linalg.solve(_slope(x, *given), along), None)

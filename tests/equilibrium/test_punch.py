@@ -18,6 +18,8 @@ from hypothesis import strategies as st
 
 from softfuse.equilibrium import LinearPorts, Loads, Punch
 from softfuse.equilibrium.interface import settle
+from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.pressure_cells import flat_punch
 
 SHAPES = [(1, 1), (1, 9), (2, 6)]
 GAMMA = 1e3  # N/m
@@ -101,7 +103,7 @@ def _check_optimality(compliance, offset, total, found: Found) -> None:
 
 @pytest.mark.parametrize("kind", [_compliance, _any_compliance])
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
-@settings(max_examples=40, deadline=None, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1), tilt=st.floats(0.0, 20.0), start=st.integers(0, 3))
 def test_optimal_and_equal_to_a_qp_solver_from_any_start(shape, kind, seed, tilt, start) -> None:
     compliance, offset, total = _problem(seed, *shape, tilt, kind)
@@ -148,13 +150,34 @@ def test_cells_that_no_mesh_tells_apart_share_their_force() -> None:
     np.testing.assert_allclose(found.depth, once.depth, rtol=1e-8)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_cells_that_a_coarse_mesh_ties_to_each_other_find_their_forces(seed: int) -> None:
+    """36 cells of a disc of 10 mm on quadratic triangles of 20 mm: what some fifteen nodes move is all that
+    these cells can do.
+    """
+    at = np.stack([*np.mgrid[0:9, 0:9].reshape(2, -1), np.zeros(81)], axis=1)  # in cm
+    first = np.array([9 * x + y for x in range(0, 7, 2) for y in range(0, 7, 2)])[:, None]
+    faces = np.concatenate([first + [0, 18, 2, 9, 10, 1], first + [20, 2, 18, 11, 10, 19]])
+    surface, cells = ContactSurface.pressed(faces, np.array([0.0, 0.0, -1.0])), flat_punch()
+    middle = np.append(np.random.default_rng(seed).uniform(2.0, 6.0, 2), 0.0)
+    disc = Contact(surface, cells, jnp.asarray(middle), jnp.asarray(1.0))
+    on = surface.land(jnp.asarray(at), disc.points)
+    carried = np.zeros((cells.count, len(at)))
+    np.add.at(carried, (np.asarray(cells.cell)[:, None], np.asarray(on.nodes)), np.asarray(disc.parts(on)))
+    apart = np.linalg.norm(at[:, None] - at[None], axis=-1)
+    compliance = carried @ (1e-3 * np.exp(-apart / 0.8)) @ carried.T
+    assert np.linalg.matrix_rank(compliance) < cells.count
+    compliance, offset, total = compliance.reshape(1, 36, 1, 36), np.zeros((1, 36)), np.array([5.0])
+    _check_optimality(compliance, offset, total, distributed(compliance, offset, total))
+
+
 def test_one_cell_carries_everything() -> None:
     found = distributed(np.full((1, 1, 1, 1), 2e-3), np.full((1, 1), 1e-3), np.array([3.0]))
     np.testing.assert_allclose([found.force[0, 0], found.depth[0]], [3.0, 7e-3], rtol=1e-8)
 
 
 @pytest.mark.parametrize("shape", SHAPES[1:], ids=str)
-def test_derivative_is_the_difference_of_solves_and_transposes(shape) -> None:
+def test_derivatives_are_differences_and_transpose(shape) -> None:
     random = np.random.default_rng(7)
     arguments = tuple(map(jnp.asarray, _problem(3, *shape)))
     pressed = distributed(*map(np.asarray, arguments)).force > 0
@@ -180,6 +203,18 @@ def test_derivative_is_the_difference_of_solves_and_transposes(shape) -> None:
     for exact, ahead, behind in zip(slope, moved(h), moved(-h), strict=True):
         difference = (ahead - behind) / (2 * h)
         np.testing.assert_allclose(exact, difference, rtol=0, atol=1e-6 * float(jnp.abs(exact).max()))
+
+    def slope_at(*args):
+        return jax.jvp(solved, args, direction)[1]
+
+    _, bend = jax.jvp(slope_at, arguments, direction)
+    ahead, behind = (
+        slope_at(*(a + step * d for a, d in zip(arguments, direction, strict=True))) for step in (h, -h)
+    )
+    for exact, after, before in zip(bend, ahead, behind, strict=True):
+        np.testing.assert_allclose(
+            exact, (after - before) / (2 * h), rtol=0, atol=1e-5 * float(jnp.abs(exact).max())
+        )
     cotangent = tuple(jnp.asarray(random.normal(size=part.shape)) for part in slope)
     _, pull = jax.vjp(solved, *arguments)
     forward = sum(float(jnp.vdot(a, b)) for a, b in zip(cotangent, slope, strict=True))
