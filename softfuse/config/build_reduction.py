@@ -13,20 +13,20 @@ from softfuse.config.build_device import build_limits
 from softfuse.config.contact import DiscSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.config.digest import digest
+from softfuse.equilibrium.punch import PunchContact
 from softfuse.errors import ConfigError
 from softfuse.estimation.atlas import Atlas, AtlasFolder
 from softfuse.estimation.device import Device
 from softfuse.reduction.cells import AbstractRegions, Cells, Electrodes
 from softfuse.reduction.chart import Chart
 from softfuse.reduction.load_paths import LoadPath, presses, pushes
+from softfuse.reduction.reach import places_over
 from softfuse.reduction.rest_stiffness import RestStiffness
 from softfuse.reduction.snapshots import LoadsAt
 from softfuse.reduction.teaching import ChartSettings, teach
 
-_REVISION = 3
+_REVISION = 4
 """To be raised when other charts come of the same settings."""
-_SIDE = 21
-"""Contacts at so many places along each edge of a cell tell which nodes it may push."""
 
 
 def build_regions(config: DeviceConfig) -> AbstractRegions:
@@ -97,7 +97,9 @@ class Teacher:
         if isinstance(self.regions, Cells):
             cell = self.regions[number]
             paths = presses(cell, force, side=given.side, levels=given.levels, near=given.near)
-            return paths, [jnp.asarray(place)[None] for place in cell.grid(_SIDE)]
+            assert isinstance(self.device.contact, PunchContact)
+            over = places_over(cell, self.device.contact.disc, np.asarray(self.device.body.rest))
+            return paths, [jnp.asarray(place)[None] for place in over]
         limits, place = build_limits(self.config, 1), jnp.array([number])
         low, high = np.asarray(limits.lower), np.array(limits.upper)
         patches = self.device.contact.drives

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 _MARGIN = 0.05
 """Of a cell: how far a place may leave it before another one is looked for."""
@@ -28,6 +28,11 @@ class Cell(NamedTuple):
         be that is still taken to be in it.
         """
         return self.at((1 + 2 * _MARGIN) * pairs(np.linspace(-1, 1, side)))
+
+    def holds(self, places: Float[np.ndarray, "... 3"]) -> Bool[np.ndarray, "..."]:
+        """Which places (..., 3) m may be taken to be in it."""
+        away = np.abs(places - self.centre)[..., :2]
+        return np.all(away <= (1 + 2 * _MARGIN) * self.half, axis=-1)
 
 
 class AbstractRegions(ABC):
