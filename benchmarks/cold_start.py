@@ -1,9 +1,11 @@
 """From a fresh process to the first estimate, with an empty and with a warm cache of compiled programs.
 
-    .venv/bin/python benchmarks/cold_start.py [--out FOLDER] [--runs N] [--config FILE] [--recording FILE]
+    .venv/bin/python benchmarks/cold_start.py [--out FOLDER] [--runs N] [--config FILE] [--recording FILE] \
+        [--charts FOLDER]
 
 Each run is a new Python process that goes from its first import to the first frame of a recording in which
-something touches, through the Python API or as `softfuse estimate` does. Every first run has an empty JAX
+something touches, through the Python API or as `softfuse estimate` does, on the full body or on its charts.
+Every first run has an empty JAX
 compilation cache of its own, the others the one that it left. Printed and written to cold_start.json: medians
 over the runs of wall time and of CPU time of all threads, for each phase: the imports, config, mesh, device,
 tracker (with the seconds that JAX spent tracing, lowering and in XLA), the frames up to the estimate, and in
@@ -64,7 +66,7 @@ class Phases:
         os._exit(0)
 
 
-def through_api(config: Path, recording: Path, _: Path) -> None:
+def through_api(given: argparse.Namespace) -> None:
     """The phases of the Python API in this process."""
     phases = Phases()
     from softfuse.cli.computing import prepare_jax
@@ -72,27 +74,28 @@ def through_api(config: Path, recording: Path, _: Path) -> None:
     from softfuse.config import load
     from softfuse.config.build_device import build_device
     from softfuse.config.build_mesh import build_mesh
+    from softfuse.config.build_reduction import with_charts
     from softfuse.config.build_tracker import build_tracker
     from softfuse.hardware.recording import read_recording
 
     prepare_jax()
     phases.end("import")
     phases.listen()
-    settings = load(config)
+    settings = load(given.config)
     phases.end("config")
     mesh = build_mesh(settings)
     phases.end("mesh")
-    device = build_device(settings, mesh)
+    device = with_charts(settings, build_device(settings, mesh), given.charts)
     phases.end("device")
     tracker = build_tracker(settings, device)
     phases.end("tracker")
-    frames = sensor_frames(settings, read_recording(recording, sensor_columns(settings)))
+    frames = sensor_frames(settings, read_recording(given.recording, sensor_columns(settings)))
     any(np.isfinite(found.misfit).any() for found in map(tracker.update, frames))
     phases.end("first estimate")
     phases.tell()
 
 
-def through_command(config: Path, recording: Path, folder: Path) -> None:
+def through_command(given: argparse.Namespace) -> None:
     """The phases of `softfuse estimate` in this process, which ends with the first estimate."""
     phases = Phases()
     from softfuse.cli.app import main
@@ -112,15 +115,18 @@ def through_command(config: Path, recording: Path, folder: Path) -> None:
         return found
 
     Tracker.update = watched
-    main(["estimate", str(config), str(recording), "--out", str(folder / "estimated"), "--quiet"])
+    charts = ["--charts", str(given.charts)] if given.charts else []
+    told = ["--out", str(given.out / "estimated"), "--quiet", *charts]
+    main(["estimate", str(given.config), str(given.recording), *told])
 
 
-WAYS: dict[str, Callable[[Path, Path, Path], None]] = {"api": through_api, "command": through_command}
+WAYS: dict[str, Callable[[argparse.Namespace], None]] = {"api": through_api, "command": through_command}
 
 
 def run(way: str, given: argparse.Namespace, folder: Path) -> dict[str, dict]:
     """One process, measured from outside."""
     arguments = [__file__, "--way", way, "--config", given.config, "--recording", given.recording]
+    arguments += ["--charts", given.charts] if given.charts else []
     environment = os.environ | {
         "JAX_COMPILATION_CACHE_DIR": str(folder / "jax"),
         "XDG_CACHE_HOME": str(folder),
@@ -174,10 +180,11 @@ def main() -> None:
     parser.add_argument(
         "--recording", type=Path, default=ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz"
     )
+    parser.add_argument("--charts", type=Path, help="what softfuse reduce made of the config")
     parser.add_argument("--way", choices=WAYS, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.way:
-        WAYS[given.way](given.config, given.recording, given.out)
+        WAYS[given.way](given)
         return
     columns = {}
     for way in WAYS:

@@ -5,11 +5,12 @@
 
 Random presses in the workspace, of random force, are solved with the full body and with the chart of their
 cell: errors are the largest of any node's displacement component and of any cavity's volume, relative to the
-largest. Then a contact wanders through the cells at 100 mm/s, a thousand frames a second, while its force
-rises and falls: each frame is estimated, and the shape of all nodes found. Volumes are those of the full
-body, solved every 2 mm and interpolated. The full body's estimate of some of these frames is timed beside.
-Pin it to a core, `NPROC=1 taskset -c 0`, to see what one core does. Printed, and written to
-reduced_pad.json.
+largest. Then a contact wanders through the cells at 100 mm/s, a thousand frames a second, to and fro on a
+path of a metre, while its force rises and falls: each frame is estimated, and the shape of all nodes found.
+Volumes are those of the full body, solved every 2 mm and interpolated. The full body's estimate of some of
+these frames is timed beside. At last the sensors' frames of a recording go through the whole chain, senses,
+estimate and shape of all nodes; those are counted in which something presses. Pin it to a core, `NPROC=1
+taskset -c 0`, to see what one core does. Printed, and written to reduced_pad.json.
 """
 
 import argparse
@@ -22,23 +23,28 @@ import jax.numpy as jnp
 import numpy as np
 
 from softfuse.cli.computing import prepare_jax
+from softfuse.cli.recorded import sensor_columns, sensor_frames
 from softfuse.config import load
 from softfuse.config.build_device import build_device, build_limits
 from softfuse.config.build_reduction import with_charts
+from softfuse.config.build_tracker import build_tracker
 from softfuse.config.device import DeviceConfig
 from softfuse.estimation.atlas import Atlas
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.estimator import Estimator
-from softfuse.estimation.reduced_estimator import ReducedEstimator
+from softfuse.estimation.reduced_estimator import MOST_TRUNCATION, ReducedEstimator
 from softfuse.estimation.step import Observation
+from softfuse.hardware.recording import read_recording
 from softfuse.reduction.cells import Cells
 
-APART_M, PER_FRAME_M = 2e-3, 1e-4
+APART_M, PER_FRAME_M, PATH = 2e-3, 1e-4, 10_000
+RECORDING = Path(__file__).parents[1] / "tests" / "data" / "pad_nominal_two_presses.csv.gz"
 
 
-def errors(device: Device, atlas: Atlas, cases: int, largest: float) -> dict[str, list[float]]:
+def errors(device: Device, atlas: Atlas, cases: int, largest: float) -> dict[str, object]:
     """Percentiles 50, 95, 100 of the errors [%] of displacements and volumes at random presses, and of the
-    truncation [%] that the chart itself tells.
+    truncation [%] that the chart itself tells; how many are off by more than 1 % and how many the full body
+    would correct, and how many are both.
     """
     random = np.random.default_rng(7)
     missed = []
@@ -57,8 +63,13 @@ def errors(device: Device, atlas: Atlas, cases: int, largest: float) -> dict[str
             each.append(100 * np.max(np.abs(got - wanted)) / np.max(np.abs(wanted)))
         missed.append(each)
     keys = ("truncation_%", "displacement_%", "volume_%")
-    columns = zip(keys, np.transpose(missed), strict=True)
-    return {key: np.percentile(column, [50, 95, 100]).tolist() for key, column in columns}
+    columns = np.transpose(missed)
+    off, corrected = np.any(columns[1:] > 1.0, axis=0), columns[0] > 100 * MOST_TRUNCATION
+    percentiles = {
+        key: np.percentile(c, [50, 95, 100]).tolist() for key, c in zip(keys, columns, strict=True)
+    }
+    counts = [int(np.sum(each)) for each in (off, corrected, off & corrected)]
+    return percentiles | {"off_flagged_both": counts}
 
 
 def wandering(cells: Cells, frames: int, largest: float) -> tuple[np.ndarray, np.ndarray]:
@@ -78,37 +89,39 @@ def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int)
     assert config.contact is not None
     cells = atlas.regions
     assert isinstance(cells, Cells)
-    places, forces = wandering(cells, frames, config.contact.max_force)
+    places, forces = wandering(cells, min(frames, PATH), config.contact.max_force)
     every = round(APART_M / PER_FRAME_M)
     solved = [
         device.reading(simulate(device, jnp.asarray(place)[None], jnp.array([force])).state)
         for place, force in zip(places[::every], forces[::every], strict=True)
     ]
-    known = np.arange(frames)[::every]
-    readings = np.stack([np.interp(np.arange(frames), known, each) for each in np.transpose(solved)], axis=1)
+    number = np.arange(len(places))
+    readings = np.stack([np.interp(number, number[::every], each) for each in np.transpose(solved)], axis=1)
     limits, none = build_limits(config, 1), jnp.zeros((1, 3))
     sigma = np.full(readings.shape[1], 1e9)
-    seen = [Observation.on_host(r, sigma, p[None]) for r, p in zip(readings, places, strict=True)]
+    path = [Observation.on_host(r, sigma, p[None]) for r, p in zip(readings, places, strict=True)]
+    # To and fro.
+    turned = np.abs((np.arange(frames) + len(path) - 1) % (2 * len(path) - 2) - (len(path) - 1))
     full, small = Estimator(device, limits, none), ReducedEstimator(atlas, limits, none)
     for number in range(len(cells)):
         # As after some seconds of running: all charts have been read.
-        small.update(seen[0]._replace(places=cells[number].centre[None]))
+        small.update(path[0]._replace(places=cells[number].centre[None]))
     small.reset()
-    small.update(seen[0])
+    small.update(path[0])
     events: list[str] = []
     jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: events.append(name))
     taken, off, corrected = [], [], 0
-    for each, force in zip(seen, forces, strict=True):
+    for k in turned:
         began = time.perf_counter()
-        found = small.update(each)
+        found = small.update(path[k])
         estimated = time.perf_counter()
         small.displacement()
         taken.append((estimated - began, time.perf_counter() - estimated))
-        off.append(abs(found.drive[0] - force))
+        off.append(abs(found.drive[0] - forces[k]))
         corrected += found.corrected
     compiled = sum("compile" in name or "trace" in name for name in events)
     jax.monitoring.clear_event_listeners()
-    beside = [full.update(each).latency_s for each in seen[:200]]
+    beside = [full.update(each).latency_s for each in path[:200]]
     estimate, shape = 1e3 * np.transpose(taken)
     return {
         "estimate_ms": np.percentile(estimate, [50, 99]).tolist(),
@@ -121,6 +134,25 @@ def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int)
     }
 
 
+def tracked_times(config: DeviceConfig, atlas: Atlas, recording: Path) -> dict[str, object]:
+    """Latencies [ms] from a sensors' frame to contacts, forces and shape, 50 and 99 %, and how many frames
+    they are of; the second time that the recording passes, when all of its charts have been read.
+    """
+    tracker = build_tracker(config, atlas)
+    frames = list(sensor_frames(config, read_recording(recording, sensor_columns(config))))
+    taken: list[float] = []
+    for _ in range(2):
+        tracker.reset()
+        taken.clear()
+        for frame in frames:
+            began = time.perf_counter()
+            found = tracker.update(frame)
+            if found.touching.any():
+                tracker.estimator.displacement()
+                taken.append(1e3 * (time.perf_counter() - began))
+    return {"tracked_ms": np.percentile(taken, [50, 99]).tolist(), "tracked_frames": len(taken)}
+
+
 def main() -> None:
     """Compare, time, print, write JSON."""
     prepare_jax()
@@ -129,7 +161,8 @@ def main() -> None:
     parser.add_argument("--charts", type=Path, required=True)
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
     parser.add_argument("--cases", type=int, default=100)
-    parser.add_argument("--frames", type=int, default=20_000)
+    parser.add_argument("--frames", type=int, default=100_000)
+    parser.add_argument("--recording", type=Path, default=RECORDING)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     config = load(given.config)
@@ -143,6 +176,7 @@ def main() -> None:
         "reduced_unknowns": atlas.chart(0).device.body.n,
         **errors(device, atlas, given.cases, config.contact.max_force),
         **frame_times(device, atlas, config, given.frames),
+        **tracked_times(config, atlas, given.recording),
     }
     for key, value in row.items():
         print(f"{key:>20} {np.array2string(np.asarray(value), precision=3)}", flush=True)
