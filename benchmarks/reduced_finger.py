@@ -1,0 +1,167 @@
+"""How near a chart of the finger is to the full finger, and how long its frames take.
+
+    .venv/bin/python benchmarks/reduced_finger.py [--electrode NUMBER] [--cases N] [--frames N]
+
+The chart of one electrode is taught and kept in --out. Random pushes there while the cable pulls, up to the
+`force` and the `tension` of `[reduction]`, are solved with the full body and with the chart: the distances by
+which nodes are off, beside the furthest way of a node, and shortenings and pressures. Then the finger goes
+from load to load, two seconds each at a thousand frames a second, by the readings of the full body there and
+straight between: each frame is estimated, and the shape of all nodes found. Pin it to a core, `NPROC=1
+taskset -c 0`, to see what one core does. Printed, and written to reduced_finger.json.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from softfuse.cli.computing import prepare_jax
+from softfuse.config import load
+from softfuse.config.build_device import build_device, build_limits, build_step_settings
+from softfuse.config.build_reduction import Teacher, build_regions, reduction_mark
+from softfuse.config.device import DeviceConfig
+from softfuse.equilibrium.solution import RESULTS
+from softfuse.estimation.atlas import AtlasFolder
+from softfuse.estimation.device import Device, simulate
+from softfuse.estimation.estimator import Estimator
+from softfuse.estimation.kept_device import Kept, kept_sizes, read_device
+from softfuse.estimation.reduced_device import reduced_device
+from softfuse.estimation.step import Observation
+from softfuse.reduction.rest_stiffness import rest_stiffness
+
+PER_LOAD = 2000
+SIGMA_M, SIGMA_PA = 5e-5, 10.0
+CONFIG = Path(__file__).parents[1] / "configs" / "finger.toml"
+
+
+def taught(config: DeviceConfig, device: Device, electrode: int, folder: Path) -> tuple[Kept, float]:
+    """The chart of an electrode, read from a folder where it is made if it is not there; and the seconds that
+    took.
+    """
+    charts, began = AtlasFolder(folder, reduction_mark(config)), time.perf_counter()
+    if not charts.has(electrode):
+        stiffness = rest_stiffness(device.body)
+        chart = Teacher(config, device, stiffness, build_regions(config)).chart(electrode)
+        charts.write(electrode, reduced_device(device, stiffness, chart), chart.basis)
+    taken = time.perf_counter() - began
+    file = charts.file(electrode)
+    return read_device(file, charts.mark, device, kept_sizes(file, charts.mark)), taken
+
+
+def drives(config: DeviceConfig, device: Device, cases: int, place: jax.Array) -> np.ndarray:
+    """Random drives (c, D) of all patches and the cable."""
+    random, patches = np.random.default_rng(11), device.contact.drives
+    assert config.reduction.force is not None and config.reduction.tension is not None
+    found = np.tile(np.asarray(device.rest_state(place).drive), (cases, 1))
+    share = random.dirichlet(np.ones(patches), cases)
+    found[:, :patches] = share * random.uniform(0, config.reduction.force, (cases, 1))
+    found[:, patches] = random.uniform(0, config.reduction.tension, cases)
+    return found
+
+
+def errors(
+    device: Device, small: Device, place: jax.Array, wanted: np.ndarray
+) -> tuple[dict[str, object], np.ndarray]:
+    """Of shapes and readings under drives (c, D), 50 % of the cases and the largest; and the full body's
+    readings (c, k).
+    """
+    # Charts are kept in single precision, which is enough for estimates.
+    small = jax.tree.map(lambda x: x.astype(float) if x.dtype == jnp.float32 else x, small)
+    rows, readings = [], []
+    for drive in jnp.asarray(wanted):
+        exact, found = (simulate(each, place, drive) for each in (device, small))
+        assert exact.result == found.result == RESULTS.converged, drive
+        shape, nearly = (
+            np.asarray(each.body.displacement(at.state.z)) for each, at in ((device, exact), (small, found))
+        )
+        read, told = (np.asarray(d.reading(at.state)) for d, at in ((device, exact), (small, found)))
+        readings.append(read)
+        rows.append(
+            (
+                1e3 * np.linalg.norm(shape, axis=1).max(),
+                1e3 * np.linalg.norm(shape - nearly, axis=1).max(),
+                1e3 * abs(read[0] - told[0]),
+                np.abs(read - told)[1:].max(),
+                np.abs(read)[1:].max(),
+                100 * float(small.body.truncation(found.state.z)),
+            )
+        )
+        print("moved by {:.1f} mm, off by {:.3f} mm".format(*rows[-1]), flush=True)
+    keys = ("moved_mm", "off_mm", "shortening_off_mm", "pressure_off_Pa", "pressure_Pa", "truncation_%")
+    columns = zip(keys, np.transpose(rows), strict=True)
+    return {key: np.percentile(each, [50, 100]).tolist() for key, each in columns}, np.array(readings)
+
+
+def frame_times(
+    config: DeviceConfig, kept: Kept, place: jax.Array, wanted: np.ndarray, readings: np.ndarray, frames: int
+) -> dict[str, object]:
+    """Latencies [ms] of estimate, shape and both, 50 and 99 %; how often programs were traced or compiled, a
+    factor made anew and a state lost; and how far off the tension is at the loads [N], 50 % and the largest.
+    """
+    estimator = Estimator(kept.device, build_limits(config, 1), place, build_step_settings(config))
+    weight = np.full(readings.shape[1], 1 / SIGMA_PA)
+    weight[0] = 1 / SIGMA_M
+    path = np.arange(frames) / PER_LOAD % len(readings)
+    through = np.concatenate([np.zeros_like(readings[:1]), readings])
+    known = np.arange(len(through))
+    seen = np.stack([np.interp(path, known, column) for column in through.T], axis=1)
+    events: list[str] = []
+    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: events.append(name))
+    taken, off, renewed, lost = [], [], 0, 0
+    for k, each in enumerate(seen):
+        began = time.perf_counter()
+        found = estimator.update(Observation.on_host(each, weight, np.asarray(place)))
+        estimated = time.perf_counter()
+        amplitudes = np.asarray(estimator.state.z)[: kept.nodal.shape[1]]
+        (kept.nodal @ amplitudes.astype(kept.nodal.dtype)).reshape(-1, 3)
+        taken.append((estimated - began, time.perf_counter() - estimated))
+        renewed, lost = renewed + found.renewed, lost + found.lost
+        if k and k % PER_LOAD == 0 and path[k]:
+            cable = kept.device.contact.drives
+            off.append(abs(found.drive[cable] - wanted[int(path[k]) - 1, cable]))
+    jax.monitoring.clear_event_listeners()
+    estimate, shape = 1e3 * np.transpose(taken)
+    return {
+        "estimate_ms": np.percentile(estimate, [50, 99]).tolist(),
+        "shape_ms": np.percentile(shape, [50, 99]).tolist(),
+        "frame_ms": np.percentile(estimate + shape, [50, 99]).tolist(),
+        "traced_or_compiled": sum("compile" in name or "trace" in name for name in events),
+        "renewed": renewed,
+        "lost": lost,
+        "tension_off_N": np.percentile(off, [50, 100]).tolist(),
+    }
+
+
+def main() -> None:
+    """Teach, compare, time, print, write JSON."""
+    prepare_jax()
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"))
+    parser.add_argument("--electrode", type=int, default=7)
+    parser.add_argument("--cases", type=int, default=10)
+    parser.add_argument("--frames", type=int, default=20_000)
+    given = parser.parse_args()
+    config = load(CONFIG)
+    device, place = build_device(config), jnp.array([given.electrode])
+    kept, taken = taught(config, device, given.electrode, given.out / "finger_charts")
+    wanted = drives(config, device, given.cases, place)
+    missed, readings = errors(device, kept.device, place, wanted)
+    row = {
+        "taught_s": taken,
+        "full_unknowns": device.body.n,
+        "reduced_unknowns": kept.device.body.n,
+        "points": [len(each.volumes) for each in kept.device.body.sample],
+        **missed,
+        **frame_times(config, kept, place, wanted, readings, given.frames),
+    }
+    for key, value in row.items():
+        print(f"{key:>20} {np.array2string(np.asarray(value), precision=3)}", flush=True)
+    (given.out / "reduced_finger.json").write_text(json.dumps(row, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main()
