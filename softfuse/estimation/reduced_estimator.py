@@ -21,17 +21,21 @@ from softfuse.equilibrium.solution import State
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.atlas import Atlas
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimate, Estimator, StepSettings
+from softfuse.estimation.kept_device import Kept
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.live_step import Ready
 from softfuse.estimation.step import Observation
+from softfuse.reduction.reduced_body import ReducedBody
 from softfuse.reduction.rest_stiffness import rest_stiffness
 
 log = logging.getLogger(__name__)
 
-_MOST_TRUNCATION = 0.05
+MOST_TRUNCATION = 0.05
 """Of the reduced body's last modes: above it, the full body corrects."""
 _BACK = 0.7
 """A chart that has been left is taken again below this part of what it was left at."""
+_UNSEEN_M = 5e-6
+"""By how little a node may be off, whatever part of the shape that is: hardly pressed, all of it is noise."""
 
 
 class ReducedEstimator:
@@ -98,7 +102,7 @@ class ReducedEstimator:
             if self._taken(number, near.places):
                 before = self._small.state
                 found = self._small.update(near, limits)
-        if found is None or found.lost or not found.report.truncation <= _MOST_TRUNCATION:
+        if found is None or found.lost or self._doubted(found):
             found = self._corrected(before or self._small.state, seen, limits)
         return replace(found, latency_s=time.perf_counter() - started)
 
@@ -131,15 +135,30 @@ class ReducedEstimator:
         self._number, self._on_full = number, False
         return True
 
+    def _doubted(self, found: Estimate) -> bool:
+        """Whether the modes that the chart in use has left out may matter."""
+        if found.report.truncation <= MOST_TRUNCATION:
+            return False
+        assert self._number is not None
+        z = np.asarray(self._small.state.z)
+        return not self._told_by_last(self._atlas.chart(self._number), z) <= _UNSEEN_M
+
+    def _told_by_last(self, kept: Kept, z: Float[np.ndarray, " r"]) -> float:
+        """The largest displacement [m] that a chart's last modes make at amplitudes z (r,)."""
+        assert isinstance(kept.device.body, ReducedBody)
+        last = kept.device.body.last_modes
+        return float(np.max(np.abs(kept.nodal[:, last] @ z[last].astype(kept.nodal.dtype))))
+
     def _near(self, number: int, z: Float[np.ndarray, " r"], whole: Float[np.ndarray, " n"]) -> bool:
         """Whether a chart at amplitudes z (r,) comes near enough to the full body's unknowns (n,)."""
-        kept = self._atlas.chart(number)
-        if not float(kept.device.body.truncation(jnp.asarray(z))) <= _BACK * _MOST_TRUNCATION:
+        kept, most = self._atlas.chart(number), _BACK * MOST_TRUNCATION
+        truncation = float(kept.device.body.truncation(jnp.asarray(z)))
+        if not (truncation <= most or self._told_by_last(kept, z) <= _BACK * _UNSEEN_M):
             return False
         u = self._stiffness.n_displacements
         missed, moved = (whole - kept.basis.states(z))[:u], whole[:u]
         energies = [each @ (self._stiffness.displacement @ each) for each in (missed, moved)]
-        return bool(energies[0] <= (_BACK * _MOST_TRUNCATION) ** 2 * energies[1])
+        return bool(energies[0] <= most**2 * energies[1] or np.max(np.abs(missed)) <= _BACK * _UNSEEN_M)
 
     def _of(self, number: int) -> Ready | None:
         """A chart, ready for live steps; None for one whose file is gone or damaged by now."""

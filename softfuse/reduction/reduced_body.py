@@ -90,9 +90,13 @@ class ReducedBody(AbstractBody):
         """The last modes' part of the shape [-], by energy at rest: modes come in the order of what they are
         needed for.
         """
-        moved = z[: self.displacement_modes]
-        last = moved[-(-7 * len(moved) // 8) :]
+        moved, last = z[: self.displacement_modes], z[self.last_modes]
         return jnp.linalg.norm(last) / (jnp.linalg.norm(moved) + jnp.finfo(z.dtype).tiny)
+
+    @property
+    def last_modes(self) -> slice:
+        """Of the unknowns: those displacement modes that are needed least, an eighth."""
+        return slice(-(-7 * self.displacement_modes // 8), self.displacement_modes)
 
     def rough(self) -> "ReducedBody":
         """With modes and sample, what is beyond the linear part, in single precision."""

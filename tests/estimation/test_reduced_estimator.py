@@ -98,6 +98,19 @@ def test_where_there_is_no_chart_the_full_body_goes_on(device, estimator, full, 
     assert inside[-1].drive[0] == pytest.approx(4.0, rel=0.02)
 
 
+def test_a_contact_that_does_not_press_stays_on_the_chart(device, estimator, volumes_under) -> None:
+    """What is left of the shape then is rounding, of which the last modes may be any part."""
+    estimator.reset()
+    estimator.update(seen_at(device, volumes_under, -14.5, 0.5, 3.0))
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        place = np.array([[-14.5 * MM, 0.5 * MM, 0.0]]) + random.normal(0, 0.02 * MM, (1, 3)) * [1, 1, 0]
+        noise = random.normal(0, 1e-10, 2)
+        found = estimator.update(Observation(jnp.asarray(noise), jnp.full(2, 1e9), jnp.asarray(place)))
+        assert not found.corrected
+        assert found.drive[0] < 0.2
+
+
 def test_nothing_is_compiled_while_charts_are_changed(device, estimator, volumes_under) -> None:
     frames = [seen_at(device, volumes_under, *at) for at in PATH]
     estimator.reset()
