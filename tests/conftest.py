@@ -10,6 +10,7 @@ from pathlib import Path
 # Programs run once or twice here: without its newer emitters XLA compiles them in three quarters of the time.
 os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
 
+import hypothesis
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -35,6 +36,10 @@ from softfuse.mesh.surface import cavities, outer_surface
 from softfuse.sensing.mutual_model import MutualModel, mutual_model
 
 jax.config.update("jax_enable_x64", True)
+
+# How long an example takes says how busy the machine is.
+hypothesis.settings.register_profile("untimed", deadline=None)
+hypothesis.settings.load_profile("untimed")
 
 MM = 1e-3
 

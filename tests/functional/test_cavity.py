@@ -79,7 +79,7 @@ def test_linear_faces_are_flat_triangles(box) -> None:
     np.testing.assert_allclose(_volume(faces, shaken), enclosed_volume(shaken, faces), rtol=1e-13)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     st.lists(st.floats(-3, 3), min_size=3, max_size=3), st.lists(st.floats(-0.1, 0.1), min_size=3, max_size=3)
 )

@@ -90,7 +90,7 @@ def test_samples_before_a_description_are_left_out() -> None:
     assert Assembler(("a",)).add(3, 0.0, np.ones(1), 0.0) == []
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.lists(st.tuples(st.integers(0, 2), st.floats(1e-4, 0.03)), min_size=1, max_size=200))
 def test_frames_come_in_order_once_each_and_never_pile_up(steps: list[tuple[int, float]]) -> None:
     assembler = Assembler(WANTED)

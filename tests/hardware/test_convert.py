@@ -79,7 +79,7 @@ def test_every_number_goes_all_the_way_round(tmp_path, route):
     assert [frame.index for frame in read_session(paths[-1]).frames()] == [0, 1, 2, 3]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.lists(st.lists(NUMBERS, min_size=3, max_size=3), min_size=1, max_size=6), st.sampled_from(SUFFIXES[1:])
 )

@@ -81,7 +81,7 @@ def test_everything_comes_back_bit_for_bit_in_the_order_of_writing(whole):
         assert list(map(plain, read())) == [plain(e) for e in entries(60) if isinstance(e, kind)]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.lists(st.lists(st.floats(allow_infinity=False), min_size=3, max_size=3), max_size=5),
     st.lists(st.binary(max_size=50), max_size=4),

@@ -100,7 +100,7 @@ def test_corotational_takes_the_nearest_rotation_when_inverted(evaluate: Evaluat
     np.testing.assert_allclose(stresses[kept], expected_stress[kept], atol=1e-8 * LAME)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     stretches=st.lists(st.floats(0.2, 5.0), min_size=3, max_size=3),
     alpha=st.floats(-10.0, 10.0).filter(lambda a: abs(a) > 0.05),

@@ -31,7 +31,7 @@ def test_rest_costs_nothing_and_is_stress_free(
     np.testing.assert_allclose(stress, 0.0, atol=1e-13 * mu)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(turn=turns)
 def test_rotations_cost_nothing(
     law: AbstractMaterial, mu: float, energy_and_stress: Evaluate, turn: np.ndarray
@@ -41,7 +41,7 @@ def test_rotations_cost_nothing(
     np.testing.assert_allclose(stress, 0.0, atol=2e-12 * mu)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(before=turns, after=turns, stretch=stretches)
 def test_energy_depends_on_the_principal_stretches_alone(
     law: AbstractMaterial,
@@ -56,7 +56,7 @@ def test_energy_depends_on_the_principal_stretches_alone(
     assert turned == pytest.approx(plain, rel=1e-11, abs=1e-7)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(turn=turns, stretch=stretches)
 def test_stress_turns_with_the_body(
     law: AbstractMaterial, lame: float, energy_and_stress: Evaluate, turn: np.ndarray, stretch: np.ndarray

@@ -68,7 +68,7 @@ def test_without_centres_cavities_come_by_x_then_y(body: TetMesh, geometry: PadG
     np.testing.assert_allclose(middles, geometry.centres(), atol=1e-12)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.permutations(range(4)),
     st.lists(

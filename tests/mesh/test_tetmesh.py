@@ -49,7 +49,7 @@ def test_a_file_of_the_other_convention_is_repaired(pad: TetMesh, order: int) ->
         np.testing.assert_allclose(mended.nodes[mended.tets[:, 4:]], ends.mean(axis=2), atol=1e-17)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.randoms(use_true_random=False), st.sampled_from([1, 2]))
 def test_any_mixture_of_node_orders_is_repaired(random, order: int) -> None:
     cube = np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)])

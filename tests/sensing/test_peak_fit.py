@@ -38,7 +38,7 @@ def algebraic_disc_signal(location, cell=0.5e-3):
 
 
 @given(x=st.floats(-30e-3, 30e-3), y=st.floats(-30e-3, 30e-3), strength=st.floats(0.3, 3.0))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_the_expected_indenter_is_found_without_bias_up_to_the_border(x, y, strength):
     found = fit(MODEL, signal_of((x, y), amplitude=strength * AMPLITUDE), ALL)
     assert np.hypot(*(np.asarray(found.location_m) - [x, y])) < 0.03e-3
@@ -50,7 +50,7 @@ def test_the_expected_indenter_is_found_without_bias_up_to_the_border(x, y, stre
     radius=st.floats(9.0e-3, 11.0e-3),
     gap=st.floats(-0.2e-3, 0.5e-3),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_another_radius_and_gap_stay_within_what_the_covariance_says(x, y, radius, gap):
     found = fit(MODEL, signal_of((x, y), radius, gap), ALL)
     error = np.asarray(found.location_m) - [x, y]
