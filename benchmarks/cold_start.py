@@ -5,11 +5,11 @@
 
 Each run is a new Python process that goes from its first import to the first frame of a recording in which
 something touches, through the Python API or as `softfuse estimate` does, on the full body or on its charts.
-Every first run has an empty JAX
-compilation cache of its own, the others the one that it left. Printed and written to cold_start.json: medians
-over the runs of wall time and of CPU time of all threads, for each phase: the imports, config, mesh, device,
-tracker (with the seconds that JAX spent tracing, lowering and in XLA), the frames up to the estimate, and in
-all, interpreter included; of the command, all that comes before the tracker's first frame is one phase.
+Every first run has an empty JAX compilation cache of its own, the others the one that it left. Printed and
+written to cold_start.json: medians over the runs of wall time and of CPU time of all threads, for each phase:
+the imports, config, mesh, device, tracker (with the seconds that JAX spent tracing, lowering and in XLA), the
+frames up to the estimate, and in all, interpreter included; of the command, all that comes before the
+tracker's first frame is one phase.
 """
 
 import argparse

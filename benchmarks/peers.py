@@ -6,6 +6,7 @@ at each frame, as a step shaped like that of Navarro et al. 2020 does (new tange
 and one for the free motion, W from the effectors' rows, a bounded QP).
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -36,15 +37,15 @@ _residual = eqx.filter_jit(lambda body, z: body.residual(z))
 _tangents = eqx.filter_jit(lambda body, z: body.element_tangents(z))
 
 
-class _Newton:
+class _Newton(ABC):
     """Newton's method in equal increments of the load."""
 
     def __init__(self, body: Body):
         self.body = body
 
+    @abstractmethod
     def step(self, z: Float[np.ndarray, " n"], left: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """K(z)⁻¹ times what is out of balance (n,)."""
-        raise NotImplementedError
 
     def solve(self, push: Float[np.ndarray, " n"], increments: int) -> Float[np.ndarray, " n"]:
         """The equilibrium z (n,) under generalised forces (n,)."""

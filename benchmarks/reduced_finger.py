@@ -18,6 +18,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+from live_frames import compilations, latencies
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.config import load
@@ -109,27 +110,21 @@ def frame_times(
     through = np.concatenate([np.zeros_like(readings[:1]), readings])
     known = np.arange(len(through))
     seen = np.stack([np.interp(path, known, column) for column in through.T], axis=1)
-    events: list[str] = []
-    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: events.append(name))
     taken, off, renewed, lost = [], [], 0, 0
-    for k, each in enumerate(seen):
-        began = time.perf_counter()
-        found = estimator.update(Observation.on_host(each, weight, np.asarray(place)))
-        estimated = time.perf_counter()
-        amplitudes = np.asarray(estimator.state.z)[: kept.nodal.shape[1]]
-        (kept.nodal @ amplitudes.astype(kept.nodal.dtype)).reshape(-1, 3)
-        taken.append((estimated - began, time.perf_counter() - estimated))
-        renewed, lost = renewed + found.renewed, lost + found.lost
-        if k and k % PER_LOAD == 0 and path[k]:
-            cable = kept.device.contact.drives
-            off.append(abs(found.drive[cable] - wanted[int(path[k]) - 1, cable]))
-    jax.monitoring.clear_event_listeners()
-    estimate, shape = 1e3 * np.transpose(taken)
+    with compilations() as compiled:
+        for k, each in enumerate(seen):
+            began = time.perf_counter()
+            found = estimator.update(Observation.on_host(each, weight, np.asarray(place)))
+            estimated = time.perf_counter()
+            kept.displacement(np.asarray(estimator.state.z))
+            taken.append((estimated - began, time.perf_counter() - estimated))
+            renewed, lost = renewed + found.renewed, lost + found.lost
+            if k and k % PER_LOAD == 0 and path[k]:
+                cable = kept.device.contact.drives
+                off.append(abs(found.drive[cable] - wanted[int(path[k]) - 1, cable]))
     return {
-        "estimate_ms": np.percentile(estimate, [50, 99]).tolist(),
-        "shape_ms": np.percentile(shape, [50, 99]).tolist(),
-        "frame_ms": np.percentile(estimate + shape, [50, 99]).tolist(),
-        "traced_or_compiled": sum("compile" in name or "trace" in name for name in events),
+        **latencies(taken),
+        "traced_or_compiled": len(compiled),
         "renewed": renewed,
         "lost": lost,
         "tension_off_N": np.percentile(off, [50, 100]).tolist(),

@@ -18,9 +18,9 @@ import json
 import time
 from pathlib import Path
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from live_frames import compilations, latencies
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.recorded import sensor_columns, sensor_frames
@@ -108,26 +108,20 @@ def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int)
         small.update(path[0]._replace(places=cells[number].centre[None]))
     small.reset()
     small.update(path[0])
-    events: list[str] = []
-    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: events.append(name))
     taken, off, corrected = [], [], 0
-    for k in turned:
-        began = time.perf_counter()
-        found = small.update(path[k])
-        estimated = time.perf_counter()
-        small.displacement()
-        taken.append((estimated - began, time.perf_counter() - estimated))
-        off.append(abs(found.drive[0] - forces[k]))
-        corrected += found.corrected
-    compiled = sum("compile" in name or "trace" in name for name in events)
-    jax.monitoring.clear_event_listeners()
+    with compilations() as compiled:
+        for k in turned:
+            began = time.perf_counter()
+            found = small.update(path[k])
+            estimated = time.perf_counter()
+            small.displacement()
+            taken.append((estimated - began, time.perf_counter() - estimated))
+            off.append(abs(found.drive[0] - forces[k]))
+            corrected += found.corrected
     beside = [full.update(each).latency_s for each in path[:200]]
-    estimate, shape = 1e3 * np.transpose(taken)
     return {
-        "estimate_ms": np.percentile(estimate, [50, 99]).tolist(),
-        "shape_ms": np.percentile(shape, [50, 99]).tolist(),
-        "frame_ms": np.percentile(estimate + shape, [50, 99]).tolist(),
-        "traced_or_compiled": compiled,
+        **latencies(taken),
+        "traced_or_compiled": len(compiled),
         "corrected_%": 100 * corrected / frames,
         "force_off_N": np.percentile(off, [50, 95, 100]).tolist(),
         "full_ms": (1e3 * np.percentile(beside, [50, 99])).tolist(),

@@ -20,6 +20,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
+from live_frames import compilations
 
 from softfuse.config import load
 from softfuse.config.body import PadSource
@@ -72,23 +73,20 @@ def cost(config: DeviceConfig, repeats: int) -> dict[str, object]:
     compile_s = time.perf_counter() - started
     groups = [(row[:4], row[4:12], row[12:]) for row in values]
     senses.update(times[0], groups[0])  # warm
-    compiled: list[str] = []
-    jax.monitoring.register_event_duration_secs_listener(lambda event, *_, **__: compiled.append(event))
     seen, sense_ms, read_ms = [], [], []
-    for _ in range(repeats):
-        senses.reset()
-        for time_s, readings in zip(times.tolist(), groups, strict=True):
-            begin = time.perf_counter()
-            finding = senses.update(time_s, readings)
-            jax.block_until_ready(finding.packed)
-            sensed = time.perf_counter()
-            details = finding.sensed.details
-            sense_ms.append(1e3 * (sensed - begin))
-            read_ms.append(1e3 * (time.perf_counter() - begin))
-            seen.append(int(details.near) + int(details.touching))
-    retraced = sum("compile" in name or "trace" in name for name in compiled)
-    jax.monitoring.clear_event_listeners()
-    found: dict[str, object] = {"compile_s": compile_s, "compilations_while_warm": retraced}
+    with compilations() as compiled:
+        for _ in range(repeats):
+            senses.reset()
+            for time_s, readings in zip(times.tolist(), groups, strict=True):
+                begin = time.perf_counter()
+                finding = senses.update(time_s, readings)
+                jax.block_until_ready(finding.packed)
+                sensed = time.perf_counter()
+                details = finding.sensed.details
+                sense_ms.append(1e3 * (sensed - begin))
+                read_ms.append(1e3 * (time.perf_counter() - begin))
+                seen.append(int(details.near) + int(details.touching))
+    found: dict[str, object] = {"compile_s": compile_s, "compilations_while_warm": len(compiled)}
     for state, name in enumerate(STATES):
         here = np.array(seen) == state
         found[name] = {"frames": int(here.sum())} | {

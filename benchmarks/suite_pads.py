@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from live_frames import compilations
 from pad_meshes import pad_on
 from pytest_benchmark.fixture import BenchmarkFixture
 
@@ -78,14 +79,11 @@ def time_frames(benchmark: BenchmarkFixture, update: Callable, frames: Sequence,
     """Time an update of each frame; the slowest of a hundred, and programs traced or compiled meanwhile, are
     told beside what else is `said`.
     """
-    events: list[str] = []
-    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: events.append(name))
     coming = iter(frames)
-    benchmark.pedantic(update, setup=lambda: ((next(coming),), {}), rounds=len(frames))
-    jax.monitoring.clear_event_listeners()
+    with compilations() as compiled:
+        benchmark.pedantic(update, setup=lambda: ((next(coming),), {}), rounds=len(frames))
     p99 = 1e3 * float(np.quantile(benchmark.stats.stats.data, 0.99))
-    retraced = sum("compile" in name or "trace" in name for name in events)
-    benchmark.extra_info.update(p99_ms=p99, retraced=retraced, **said)
+    benchmark.extra_info.update(p99_ms=p99, retraced=len(compiled), **said)
 
 
 def megabytes(*trees: object) -> float:

@@ -56,6 +56,13 @@ class Kept(NamedTuple):
     basis: Basis
     nodal: Float[np.ndarray, "3k m"]
 
+    def displacement(
+        self, z: Float[np.ndarray, " r"], modes: slice | None = None
+    ) -> Float[np.ndarray, "k 3"]:
+        """Displacements (k, 3) m of all nodes by some displacement modes, or by all, at amplitudes z (r,)."""
+        modes = slice(self.nodal.shape[1]) if modes is None else modes
+        return (self.nodal[:, modes] @ z[modes].astype(self.nodal.dtype)).reshape(-1, 3)
+
 
 def write_device(path: Path, device: Device, basis: Basis, mark: str) -> None:
     """Write a device with a body that was projected onto a basis; its file appears when it is whole.

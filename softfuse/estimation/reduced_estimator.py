@@ -80,9 +80,7 @@ class ReducedEstimator:
         """Displacements (k, 3) m of all nodes after the last frame."""
         if self._on_full or self._number is None:
             return np.asarray(self.device.body.displacement(self.state.z))
-        nodal = self._atlas.chart(self._number).nodal
-        amplitudes = np.asarray(self._small.state.z)[: nodal.shape[1]]
-        return (nodal @ amplitudes.astype(nodal.dtype)).reshape(-1, 3)
+        return self._atlas.chart(self._number).displacement(np.asarray(self._small.state.z))
 
     def update(self, seen: Observation, limits: Limits | None = None) -> Estimate:
         """Advance by one frame's observation within the limits of this frame; never raises for what they
@@ -146,8 +144,7 @@ class ReducedEstimator:
     def _told_by_last(self, kept: Kept, z: Float[np.ndarray, " r"]) -> float:
         """The largest displacement [m] that a chart's last modes make at amplitudes z (r,)."""
         assert isinstance(kept.device.body, ReducedBody)
-        last = kept.device.body.last_modes
-        return float(np.max(np.abs(kept.nodal[:, last] @ z[last].astype(kept.nodal.dtype))))
+        return float(np.max(np.abs(kept.displacement(z, kept.device.body.last_modes))))
 
     def _near(self, number: int, z: Float[np.ndarray, " r"], whole: Float[np.ndarray, " n"]) -> bool:
         """Whether a chart at amplitudes z (r,) comes near enough to the full body's unknowns (n,)."""

@@ -23,9 +23,8 @@ def places_over(cell: Cell, disc: Contact, rest: Float[np.ndarray, "k 3"]) -> Fl
     tangents, direction = np.asarray(surface.tangents), np.asarray(surface.direction)
     corners = rest[np.asarray(surface.faces)[:, :3]] @ tangents.T
     inside = corners + _INSIDE * (corners.mean(axis=1, keepdims=True) - corners)
-    offsets = float(disc.radius) * np.asarray(disc.cells.points)
-    across = inside[:, :, None] - offsets
-    places = across @ tangents + (cell.centre @ direction) * direction
+    offsets = np.asarray(disc.points - disc.location) @ tangents.T
+    places = (inside[:, :, None] - offsets) @ tangents + (cell.centre @ direction) * direction
     places = places.reshape(len(corners), -1, 3)
     held = cell.holds(places)
     # One place is enough to know all nodes of a face.
