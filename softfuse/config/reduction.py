@@ -18,7 +18,7 @@ class ReductionSettings(Settings):
     displacements: PositiveInteger = 96
     pressures: PositiveInteger = 24
     sampling: PositiveNumber = 1e-3
-    points: PositiveInteger = 256
+    points: PositiveInteger = 512
     side: PositiveInteger = 2
     levels: PositiveInteger = 4
     near: PositiveInteger = 10
