@@ -117,6 +117,7 @@ def test_slope_of_the_error(errors, element, poisson, which, sizes, slope) -> No
         assert -np.polyfit(np.log(sizes), np.log(missed[:, 1]), 1)[0] > 1.8
 
 
+@pytest.mark.slow
 def test_taylor_hood_does_not_lock_where_linear_does(errors) -> None:
     mixed = [errors(TAYLOR_HOOD, 4, poisson, 1)[0] for poisson in (0.3, 0.49, 0.4999)]
     plain = [errors(LINEAR, 6, poisson, 1)[0] for poisson in (0.3, 0.49, 0.4999)]

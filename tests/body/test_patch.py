@@ -102,6 +102,7 @@ def test_forces_of_a_deformed_body_balance(irregular) -> None:
     np.testing.assert_allclose(forces[0].sum(axis=0) + forces[1][0], 0.0, atol=1e-12 * YOUNG * SIZE**2)
 
 
+@pytest.mark.slow
 def test_layers_of_two_materials_are_exact(box, equilibrate) -> None:
     """A soft layer under a stiff one, confined sideways: one stress, two strains, a pressure that jumps."""
     planes = [np.array([0.0, 0.4, 1.0]) * SIZE] * 2 + [np.array([0.0, 0.35, 0.5, 1.0]) * SIZE]

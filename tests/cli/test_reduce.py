@@ -52,6 +52,7 @@ def test_charts_are_made_once(config, charts, code_of, capsys) -> None:
     assert {path: path.stat().st_mtime_ns for path in charts.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_estimates_with_charts_are_those_of_the_full_body(config, charts, code_of, tmp_path: Path) -> None:
     with gzip.open(RECORDING, "rt") as stream:
         lines = stream.read().splitlines()[: FRAMES + 1]

@@ -89,6 +89,7 @@ def test_a_pad_has_no_electrodes_to_be_pressed(
     assert "this device is pressed by a disc" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_cable_bends_the_finger_beyond_a_right_angle(
     code_of: Callable[..., int], tmp_path: Path, coarse: Path
 ) -> None:

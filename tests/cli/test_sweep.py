@@ -148,6 +148,7 @@ def test_rows_are_those_of_single_simulations_and_none_is_computed_twice(
     assert rows_in(out) == again
 
 
+@pytest.mark.slow
 def test_a_case_that_fails_is_a_row(
     code_of: Callable[..., int], cluster: LocalCluster, pad: Path, plan: Callable[[str], Path], tmp_path: Path
 ) -> None:
@@ -194,6 +195,7 @@ def test_a_worker_that_dies_is_told_and_costs_nothing(
     assert f"the worker {killed[0]} has died" in caplog.text
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="process groups")
 def test_an_interrupt_leaves_what_is_finished_and_only_the_loopback_is_listened_on(
     pad: Path, plan: Callable[[str], Path], tmp_path: Path

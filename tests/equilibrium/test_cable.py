@@ -141,6 +141,7 @@ def test_a_guide_in_the_air_is_refused(beam) -> None:
         PulledCable.through(beam, np.array([[0.01, 0.004, 0.002], [0.02, -0.001, 0.002]]), PULLED_AT)
 
 
+@pytest.mark.slow
 def test_a_point_of_a_curved_element_is_found_inside_it(box) -> None:
     """Mid-edge nodes off their chords: the shape values still reproduce the point."""
     from softfuse.body import QUADRATIC

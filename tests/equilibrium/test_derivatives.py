@@ -152,6 +152,7 @@ def test_jvp_is_the_difference_of_full_solves(part, model) -> None:
     assert np.all(np.abs(slope) > [1e-5, 1e-11, 1e-5])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", PARTS)
 def test_vjp_is_the_transpose_of_jvp(part, model) -> None:
     direction = model.only(part)
@@ -173,6 +174,7 @@ def test_jit_traces_each_program_once(model) -> None:
     assert model.traces == before
 
 
+@pytest.mark.slow
 def test_vmap_over_loads_is_each_alone(model) -> None:
     """One of the loads is too large: its lane says so, and the others do not mind."""
     forces = jnp.array([[0.5], [3.0], [3.3], [1e4]])
@@ -196,6 +198,7 @@ def test_derivatives_do_not_depend_on_the_start(model) -> None:
     np.testing.assert_array_equal(by_start, 0.0)
 
 
+@pytest.mark.slow
 def test_second_derivative_in_the_force_is_the_difference_of_first_ones(model) -> None:
     """Forward over reverse: how the disc's compliance changes with its load."""
 

@@ -133,6 +133,7 @@ def test_sparse_solvers_raise_out_of_jit(kind, which, factor, words, request, ge
         jax.block_until_ready(_solved(kind.plan(body), tangents, np.ones((body.n, 3))))
 
 
+@pytest.mark.slow
 def test_a_stale_factor_is_corrected_by_refinement(pad, generic) -> None:
     """Each refinement shrinks the error by about the factor's distance from the tangent."""
     body, _ = pad()
@@ -150,6 +151,7 @@ def test_a_stale_factor_is_corrected_by_refinement(pad, generic) -> None:
     assert errors[2] < 10 * errors[0] ** 5
 
 
+@pytest.mark.slow
 def test_derivatives_of_the_inverse(pad, generic) -> None:
     """In the unknowns z and the stiffness: jvp against differences, vjp against jvp."""
     body, _ = pad()

@@ -161,6 +161,7 @@ def test_a_converged_state_is_in_balance(pressed, force) -> None:
     assert np.all(np.asarray(state.force) >= 0) and np.all(softened >= depth * (1 - 1e-11))
 
 
+@pytest.mark.slow
 def test_the_path_does_not_matter(pressed) -> None:
     """From rest, from a smaller load, from a larger one and from another contact's set of cells."""
     body, _, at = pressed

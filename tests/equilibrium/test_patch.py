@@ -97,6 +97,7 @@ def test_the_force_stands_on_the_bent_surface(beam, skin, patch) -> None:
     assert np.degrees(np.arccos(-normal @ force / np.linalg.norm(force))) < 3
 
 
+@pytest.mark.slow
 def test_the_derivative_in_the_force_is_that_of_finite_differences(beam, patch) -> None:
     """The turning of the force is part of it; without, it would be off by far more than the tolerance."""
 

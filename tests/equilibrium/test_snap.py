@@ -17,6 +17,8 @@ from softfuse.equilibrium import RESULTS, LinearPorts, Loads, Newton, Prescribed
 from softfuse.equilibrium.sparse import SparseLU
 from softfuse.material import NeoHookean
 
+pytestmark = pytest.mark.slow
+
 HALF, THICKNESS, RISE, YOUNG = 10e-3, 1e-3, 4.5e-3, 1e6
 
 
@@ -59,7 +61,6 @@ def limit(dome) -> float:
     return load
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("beyond", (1.02, 1.05, 1.2))
 def test_a_load_beyond_the_limit_ends_before_the_snap(dome, limit: float, beyond: float) -> None:
     found = dome(beyond * limit)

@@ -220,6 +220,7 @@ def test_sofas_element_law_gives_sofas_displacement(name, rotation, newtons) -> 
     assert _distance(_reference(name, newtons, rotation), sofa)[0] < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "newtons"), LOADS)
 def test_our_body_is_that_law_with_the_polar_factor_of_f(name, newtons) -> None:
     """At every load what separates us from SOFA is its choice of the element's rotation, to 1e-8."""

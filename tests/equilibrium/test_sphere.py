@@ -102,6 +102,7 @@ def test_a_sphere_swells_as_lame_says(sphere, poisson: float) -> None:
     assert abs(fine) < 0.5 * abs(coarse)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dead_over_rest, exponent", [(0.0, 1.0), (2.0, 1.0), (0.5, 1.4)])
 def test_sealed_gas_and_the_sphere_share_the_overpressure(sphere, dead_over_rest, exponent) -> None:
     """Gas sealed in 50 Pa above the atmosphere gives most of it up to its own expansion: E is that of air."""
@@ -131,6 +132,7 @@ def test_gas_sealed_at_rest_does_nothing(sphere) -> None:
     assert abs(swollen) < 1e-14 and abs(float(found.state.force[0])) < 1e-8
 
 
+@pytest.mark.slow
 def test_stiff_walls_make_both_ways_from_volume_to_pressure_agree(sphere) -> None:
     """A wall that is drawn in squeezes the gas: it resists (coupled), or its pressure follows from the volume
     that it would have if it did not (eqs. 5 to 7). These differ as gas and wall share the load, k_gas / k.

@@ -80,6 +80,7 @@ def _forward(device: Device, tensions) -> jnp.ndarray:
 TIP_ONLY = jnp.array([1e3, 1e3, 1e3, 0.0, 0.0])
 
 
+@pytest.mark.slow
 def test_the_cables_bring_the_tip_where_it_was_seen(robot: Robot, reached) -> None:
     true = jnp.array([1.2, 0.5])
     target = _forward(robot.device, true)
@@ -127,6 +128,7 @@ def test_lengths_and_positions_weigh_against_each_other(robot: Robot, reached) -
     assert shortened[2] < shortened[1] < shortened[0]
 
 
+@pytest.mark.slow
 def test_rates_let_a_cable_only_follow_slowly(robot: Robot, reached) -> None:
     device = robot.device
     target = _forward(device, [1.2, 0.5])

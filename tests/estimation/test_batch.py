@@ -44,12 +44,14 @@ def alone(plain_device: Device) -> np.ndarray:
     return np.array([_read(plain_device, at) for at in zip(PLACES, FORCES, strict=True)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at_once", [2, 64])
 def test_batch_of_equilibria_is_each_alone(plain_device: Device, alone: np.ndarray, at_once: int) -> None:
     found = batched(_read, plain_device, (PLACES, FORCES), at_once=at_once)
     np.testing.assert_allclose(found, alone, rtol=1e-9, atol=1e-9 * np.abs(alone).max())
 
 
+@pytest.mark.slow
 def test_batch_split_over_devices_is_each_alone(alone: np.ndarray) -> None:
     """Five presses on three devices: one has less to do, and other numbers of iterations."""
     flags = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=3"
@@ -68,6 +70,7 @@ def test_batch_split_over_devices_is_each_alone(alone: np.ndarray) -> None:
     np.testing.assert_allclose(found, alone, rtol=1e-9, atol=1e-9 * np.abs(alone).max())
 
 
+@pytest.mark.slow
 def test_batch_of_estimates_is_each_alone(plain_device: Device, alone: np.ndarray, one) -> None:
     """Estimates from rest, one of which needs the force's bound."""
     weight = jnp.full((len(PLACES), alone.shape[1]), 1e9)

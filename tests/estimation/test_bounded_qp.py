@@ -102,6 +102,7 @@ def test_the_residual_tells_a_wrong_solution() -> None:
     assert float(kkt_residual(inwards, *rest)) > 1e-3
 
 
+@pytest.mark.slow
 def test_free_and_bounded_derivatives_agree_with_differences() -> None:
     q, b, lower, upper = map(jnp.asarray, _problem(3, 4))
     forward = jax.jacfwd(solve_bounded_qp, argnums=(1, 3), has_aux=True)(q, b, lower, upper)[0]
@@ -120,6 +121,7 @@ def test_free_and_bounded_derivatives_agree_with_differences() -> None:
         np.testing.assert_allclose(ahead, back, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_batch_is_the_same_as_one_by_one() -> None:
     problems = [_problem(seed, 3) for seed in range(5)]
     batch = [jnp.stack([jnp.asarray(p[k]) for p in problems]) for k in range(4)]

@@ -75,6 +75,7 @@ def test_more_steps_a_frame_follow_closer(device, one, press: list[Observation])
     np.testing.assert_allclose(force, np.minimum(np.linspace(0, 12, 40), 9.0), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_shortened_steps_are_told_and_caught_up(device, one, press: list[Observation]) -> None:
     """The whole press within one frame: a step of a tenth of the motion is told, thirty of them arrive."""
     full = Estimator(device, one, AT, StepSettings(steps_per_frame=10))

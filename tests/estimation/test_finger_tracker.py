@@ -19,6 +19,8 @@ from softfuse.estimation.device import simulate
 from softfuse.estimation.tracker import Frame, Tracked, Tracker
 from softfuse.sensing.status import Status
 
+pytestmark = pytest.mark.slow
+
 ELECTRODE, FORCE, TENSION = 7, 0.25, 1.5
 RATE_HZ, REST_S, PULL_S, WAIT_S, PRESS_S, HOLD_S = 10, 2.5, 1.0, 0.8, 1.0, 1.5
 

@@ -117,6 +117,7 @@ def test_only_this_computer_can_look(served: tuple[RerunView, Path, int, int]) -
     assert listening[page] == listening[stream] == {"0100007F"}
 
 
+@pytest.mark.slow
 def test_a_browser_draws_it(served: tuple[RerunView, Path, int, int]) -> None:
     from PIL import Image
     from selenium import webdriver

@@ -72,6 +72,7 @@ def test_a_load_that_the_body_cannot_carry_is_not_converged(device) -> None:
     assert not bool(found.converged)
 
 
+@pytest.mark.slow
 def test_it_is_pure_and_can_be_vectorised(plain_device) -> None:
     rest = plain_device.rest_state(PLACE)
     factor = factor_of(plain_device, PLACE, rest)

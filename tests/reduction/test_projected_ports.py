@@ -26,6 +26,8 @@ from softfuse.reduction.projected_ports import projected_load
 from softfuse.reduction.rest_stiffness import rest_stiffness
 from softfuse.reduction.sampling import Sampling
 
+pytestmark = pytest.mark.slow
+
 MODES = 8
 PLACE = jnp.array([4, 10])
 """Electrodes that two contacts press at."""

@@ -102,6 +102,7 @@ def heavy(request: pytest.FixtureRequest) -> Body:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beyond_rest", [True, False])
 def test_with_all_points_it_is_the_projection_of_the_full_body(heavy: Body, beyond_rest: bool) -> None:
     random = np.random.default_rng(3)
@@ -236,6 +237,7 @@ def test_its_compliance_is_that_of_the_full_body_and_the_slope_of_its_own_readin
     np.testing.assert_allclose(own[:, 0], (above - below) / (2 * h), rtol=1e-4, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_estimator_finds_forces_with_it_unchanged(device, taught) -> None:
     (place, force), limits = UNSEEN[1], Limits(jnp.zeros(1), jnp.array([12.0]), jnp.array([1e-6]))
     reading = device.reading(simulate(device, at(*place), jnp.array([force])).state)
@@ -269,6 +271,7 @@ def test_spreading_forces_is_the_transpose_of_watching(taught: Taught) -> None:
     np.testing.assert_allclose(body.spread(nodes, forces)[:, 0] @ z, work, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_spreading_along_a_direction_is_spreading_column_by_column(device, taught) -> None:
     random = np.random.default_rng(4)
     nodes = jnp.asarray(random.integers(0, device.body.n_nodes, (7, 4)))
@@ -282,6 +285,7 @@ def test_spreading_along_a_direction_is_spreading_column_by_column(device, taugh
             np.testing.assert_allclose(along[:, k], own, atol=1e-12 * float(jnp.abs(own).max()))
 
 
+@pytest.mark.slow
 def test_snapshots_end_where_the_body_cannot_carry_the_load(device) -> None:
     levels, place = np.array([[3.0], [4000.0], [5.0]]), at(-12 * MM, 3 * MM)
     path = LoadPath(place, levels, jnp.tile(place, (3, 1, 1, 1)), np.array([[[3.02]], [[4.0]], [[5.0]]]))
