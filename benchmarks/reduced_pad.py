@@ -103,9 +103,10 @@ def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int)
     # To and fro.
     turned = np.abs((np.arange(frames) + len(path) - 1) % (2 * len(path) - 2) - (len(path) - 1))
     full, small = Estimator(device, limits, none), ReducedEstimator(atlas, limits, none)
-    for number in range(len(cells)):
-        # As after some seconds of running: all charts have been read.
-        small.update(path[0]._replace(places=cells[number].centre[None]))
+    outside = np.append(np.array(cells.high) + APART_M, 0.0)
+    for place in (outside, *(cells[number].centre for number in range(len(cells)))):
+        # As after some seconds of running: the full body is ready, and all charts have been read.
+        small.update(path[0]._replace(places=place[None]))
     small.reset()
     small.update(path[0])
     taken, off, corrected = [], [], 0
