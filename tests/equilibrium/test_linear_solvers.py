@@ -1,6 +1,9 @@
 """Every linear solver solves the tangent of a strained body as numpy does, and says when it cannot."""
 
 import importlib.util
+import os
+import subprocess
+import sys
 
 import equinox as eqx
 import jax
@@ -187,3 +190,39 @@ def test_pardiso_is_right_or_its_extra_is_named(body, generic) -> None:
     exact = np.linalg.solve(_assembled(body, tangents), rhs)
     x = np.asarray(_solved(Pardiso.plan(body), tangents, rhs))
     np.testing.assert_allclose(x, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
+
+
+_AT_ONCE = """
+import threading
+import jax
+import jax.numpy as jnp
+jax.config.update("jax_enable_x64", True)
+from softfuse.body import TAYLOR_HOOD, Body, mesh_for
+from softfuse.equilibrium import Multifrontal
+from softfuse.material import NeoHookean
+from softfuse.mesh.pad import PadGeometry, pad_mesh
+
+geometry = PadGeometry((0.06, 0.04, 0.018), (0.02, 0.02, 0.006), ((0.0, 0.0),), 0.006)
+mesh = mesh_for(TAYLOR_HOOD, pad_mesh(geometry, 0.02, 0.02))
+body = Body.from_mesh(mesh, [NeoHookean.from_young(6e5, 0.49)], mesh.nodes[:, 2] < 1e-9)
+tangents = jax.jit(Body.element_tangents)(body, jnp.zeros(body.n))
+plan = Multifrontal.plan(body)
+factor = jax.jit(lambda tangents: plan.factor(tangents))
+jax.block_until_ready(factor(tangents))
+
+def often():
+    for _ in range(10):
+        jax.block_until_ready(factor(tangents))
+
+threads = [threading.Thread(target=often) for _ in range(4)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+"""
+
+
+def test_programs_that_factor_at_once_do_not_wait_for_each_other_for_ever() -> None:
+    # LAPACK's own threads would only slow it down.
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    subprocess.run([sys.executable, "-c", _AT_ONCE], check=True, timeout=120, env=environment)
