@@ -12,8 +12,6 @@ import jax
 from jaxtyping import Array, Float, PyTree
 
 from softfuse.body.base import AbstractBody
-from softfuse.equilibrium.load import Loads
-from softfuse.equilibrium.solution import State
 
 Solve = Callable[[Float[Array, "n c"]], Float[Array, "n c"]]
 
@@ -37,16 +35,15 @@ class AbstractLinearSolver(eqx.Module):
         """Solution (n, c) for right-hand sides (n, c)."""
 
     @property
-    def renew_every(self) -> int:
-        """After how many frames `renewed` is asked for the next factor, 0: never. Where it is, live steps
+    def knows(self) -> bool:
+        """Whether factors near all states that live steps come to are known, so that these make none, and
         refine nothing.
         """
-        return 0
+        return False
 
-    def renewed(self, factor: PyTree[Array], body: AbstractBody, loads: Loads, state: State) -> PyTree[Array]:
-        """A factor of a tangent, brought a little nearer to that of a body and its loads in a state."""
-        del body, loads, state
-        return factor
+    def near(self, z: Float[Array, " n"]) -> PyTree[Array]:
+        """The factor nearest to the tangent in a state z (n,), where factors are known."""
+        raise AssertionError(f"{type(self).__name__} knows no factors, where z is {z}")
 
     def rough(self) -> "AbstractLinearSolver":
         """A faster solver of the same plan, whose solutions are only good enough to be refined; itself where

@@ -142,7 +142,7 @@ class Sizes(eqx.Module):
 
 
 def _cut(counts: list[int], vector: Array) -> list[Array]:
-    return jnp.split(vector, np.cumsum(counts)[:-1])
+    return jnp.split(vector, np.cumsum(counts)[:-1])[: len(counts)]
 
 
 class Loads(eqx.Module):

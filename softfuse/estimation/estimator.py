@@ -3,9 +3,9 @@
 The two jitted pieces, sensors and `LiveStep`, are compiled ahead and never again, at the next start not even
 traced (`kept_programs`). Between frames this file decides whether the factor of the tangent is renewed:
 when the step found that a refinement shrinks the error of its linear solves by less than
-`refresh_contraction`. A solver whose factor is renewed a little every few frames is not asked: its steps
-refine nothing. While nothing touches, the body rests and the factor at rest serves. Only compiling
-is threaded here; `hardware` does the rest.
+`refresh_contraction`. Where inverses are known beforehand, steps refine nothing and nothing is renewed.
+While nothing touches, the body rests and the factor at rest serves. Only compiling is threaded here;
+`hardware` does the rest.
 """
 
 import time
@@ -87,7 +87,7 @@ class Estimator:
 
     def reset(self) -> None:
         """Forget the past: the body rests, nothing presses."""
-        self._carried, self._renew, self._frames = self._ready.rest, False, 0
+        self._carried, self._renew = self._ready.rest, False
 
     @property
     def state(self) -> State:
@@ -127,9 +127,6 @@ class Estimator:
         if lost:
             self.reset()
         else:
-            self._frames += 1
-            if self.live.renew_every and self._frames % self.live.renew_every == 0:
-                carried = self.live.renew(self._ready, carried, seen.places)
             self._carried = carried
         return Estimate(
             np.asarray(self.state.drive if lost else told.drive),

@@ -25,6 +25,7 @@ from softfuse.functional.base import AbstractFunctional
 from softfuse.functional.cavity import Cavity
 from softfuse.reduction.basis import Basis
 from softfuse.reduction.body_arrays import Arrays, body_arrays, body_of, of_nodes
+from softfuse.reduction.known_inverses import KnownInverses, ReducedDense
 from softfuse.reduction.projected_ports import (
     ProjectedGuides,
     ProjectedPatches,
@@ -33,11 +34,11 @@ from softfuse.reduction.projected_ports import (
 )
 from softfuse.reduction.projected_volume import ProjectedVolumes
 from softfuse.reduction.reduced_body import ReducedBody
-from softfuse.reduction.rolling_inverse import ReducedDense
+from softfuse.reduction.telling_unknowns import Telling, telling, telling_unknowns
 
-_Part = ProjectedVolumes | ProjectedGuides | ProjectedPatches
+_Part = ProjectedVolumes | ProjectedGuides | ProjectedPatches | KnownInverses
 """What has nothing but arrays."""
-_Kind = TypeVar("_Kind", ProjectedVolumes, ProjectedGuides, ProjectedPatches)
+_Kind = TypeVar("_Kind", ProjectedVolumes, ProjectedGuides, ProjectedPatches, KnownInverses)
 
 
 class Sizes(NamedTuple):
@@ -48,12 +49,14 @@ class Sizes(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """A reduced device, ready for live steps, the basis of its body, and the displacements (3 k, m) [m] of
-    all nodes by each displacement mode, node by node.
+    """A reduced device, ready for live steps, the basis of its body, by which of the full body's unknowns its
+    modes of displacement and of pressure are told, and the displacements (3 k, m) [m] of all nodes by each
+    displacement mode, node by node.
     """
 
     device: Device
     basis: Basis
+    telling: tuple[Telling, Telling]
     nodal: Float[np.ndarray, "3k m"]
 
     def displacement(
@@ -62,6 +65,12 @@ class Kept(NamedTuple):
         """Displacements (k, 3) m of all nodes by some displacement modes, or by all, at amplitudes z (r,)."""
         modes = slice(self.nodal.shape[1]) if modes is None else modes
         return (self.nodal[:, modes] @ z[modes].astype(self.nodal.dtype)).reshape(-1, 3)
+
+    def amplitudes_of(self, other: "Kept", z: Float[np.ndarray, " q"]) -> Float[np.ndarray, " r"]:
+        """Amplitudes (r,) of the shape that another reduction of the same body has at its own z (q,)."""
+        m = other.basis.displacement.shape[1]
+        parts = zip(self.telling, other.basis, (z[:m], z[m:]), strict=True)
+        return np.concatenate([told.of_them @ (modes[told.unknowns] @ of) for told, modes, of in parts])
 
 
 def write_device(path: Path, device: Device, basis: Basis, mark: str) -> None:
@@ -73,6 +82,7 @@ def write_device(path: Path, device: Device, basis: Basis, mark: str) -> None:
     body = body_arrays(device.body, basis)
     points = [len(each.volumes) for each in device.body.sample]
     arrays = {"mark": np.array(mark), "points": np.array(points), **body}
+    arrays |= {f"telling.{kind}": telling_unknowns(modes) for kind, modes in basis._asdict().items()}
     for name, part in _projected_parts(device):
         arrays |= {f"{name}.{each.name}": np.asarray(getattr(part, each.name)) for each in fields(part)}
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -108,14 +118,21 @@ def read_device(path: Path, mark: str, full: Device, sizes: Sizes) -> Kept:
     elif isinstance(contact, PunchContact):
         contact = projected_discs(contact, body)
     attached = tuple(_attached(load, f"attached{k}", arrays) for k, load in enumerate(full.attached))
-    device = Device(body, tuple(sensors), contact, ReducedDense.plan(body), attached, full.gauges)
+    linear = ReducedDense.with_known(body, _part(KnownInverses, "known", arrays))
+    device = Device(body, tuple(sensors), contact, linear, attached, full.gauges)
     basis = Basis(arrays["displacement"], arrays["pressure"])
     nodal = of_nodes(full.body, np.arange(full.body.n_nodes), basis.displacement)
-    return Kept(device, basis, nodal.reshape(-1, nodal.shape[-1]))
+    told = (
+        telling(basis.displacement, arrays["telling.displacement"]),
+        telling(basis.pressure, arrays["telling.pressure"]),
+    )
+    return Kept(device, basis, told, nodal.reshape(-1, nodal.shape[-1]))
 
 
 def _projected_parts(device: Device) -> Iterator[tuple[str, _Part]]:
     """What a reduced device has instead of the full one's parts, but for the body, by name."""
+    assert isinstance(device.linear, ReducedDense)
+    yield "known", device.linear.known
     for number, sensor in enumerate(device.sensors):
         if isinstance(sensor, ProjectedVolumes):
             yield f"sensor{number}", sensor

@@ -29,7 +29,9 @@ from softfuse.estimation.step import Observation, StepReport, estimate_step
 
 
 class Carried(NamedTuple):
-    """From frame to frame: the state, r(z) (n,) there, and a factor of a tangent not far from it."""
+    """From frame to frame: the state, r(z) (n,) there, and, unless such are known, a factor of a tangent not
+    far from it.
+    """
 
     state: State
     factor: PyTree[Array]
@@ -52,13 +54,10 @@ class _After(NamedTuple):
 
 
 class Ready(NamedTuple):
-    """A device as the compiled programs want it: its arrays, the step of it, how its factor is renewed where
-    that is done a little at a time, and how it rests.
-    """
+    """A device as the compiled programs want it: its arrays, the step of it, and how it rests."""
 
     arrays: Device
     step: Callable[[Carried, Packed], _After]
-    renew: Callable[[Carried, Array], PyTree[Array]] | None
     rest: Carried
 
 
@@ -68,7 +67,9 @@ def _rest(static: Device, arrays: Device, places: Array) -> State:
 
 def _begun(static: Device, arrays: Device, state: State, places: Array) -> Carried:
     device = eqx.combine(arrays, static)
-    factor = device.linear.factor(loaded_tangents(device.body, device.loads(places), state))
+    factor = ()
+    if not device.linear.knows:
+        factor = device.linear.factor(loaded_tangents(device.body, device.loads(places), state))
     return Carried(state, factor, device.body.residual(state.z))
 
 
@@ -78,10 +79,12 @@ def _stepped(
     static, refinements, frames, reports = fixed
     device = eqx.combine(arrays, static)
     limits, seen = frames.unpack(frame)
+    linear = device.linear
+    factor = linear.near(carried.state.z) if linear.knows else carried.factor
     after, report = estimate_step(
         device,
         limits,
-        carried.factor,
+        factor,
         carried.state,
         seen,
         refinements=refinements,
@@ -90,11 +93,6 @@ def _stepped(
     told = reports.pack(Stepped(after.drive, report))
     # What is not new is not returned: it would be copied.
     return _After(after, device.body.residual(after.z), told)
-
-
-def _renewed(static: Device, arrays: Device, carried: Carried, places: Array) -> PyTree[Array]:
-    device = eqx.combine(arrays, static)
-    return device.linear.renewed(carried.factor, device.body, device.loads(places), carried.state)
 
 
 class LiveStep:
@@ -121,17 +119,13 @@ class LiveStep:
         self._frames = Packing.of((limits, Observation(readings, readings, places)))
         self._reports = Packing.of(_report_like(device, rest))
         begun = lowered(_begun, static, arrays, rest, places)
-        self.renew_every = static.linear.renew_every
-        fixed = static, 0 if self.renew_every else refinements, self._frames, self._reports
+        fixed = static, 0 if static.linear.knows else refinements, self._frames, self._reports
         frame = self._frames.vectors
         # XLA compiles one program on another thread while the other is traced and compiled on this one.
         with ThreadPoolExecutor(1) as aside:
             first = aside.submit(begun.compile)
             self._step = lowered(_stepped, fixed, arrays, begun.result, frame).compile()
             self._begun = first.result()
-        self._renewed = None
-        if self.renew_every:
-            self._renewed = lowered(_renewed, static, arrays, begun.result, places).compile()
         self.first = self._ready(arrays, rest)
         self.compile_s = time.perf_counter() - started
 
@@ -157,18 +151,13 @@ class LiveStep:
         told = self._reports.unpack({kind: np.asarray(vector) for kind, vector in after.told.items()})
         return Carried(after.state, carried.factor, after.resistance), told
 
-    def renew(self, ready: Ready, carried: Carried, places: Array) -> Carried:
-        """What is carried, with the factor renewed a little; as it is where that is not how it is done."""
-        return carried if ready.renew is None else carried._replace(factor=ready.renew(carried, places))
-
     def _ready(self, arrays: Device, rest: State) -> Ready:
         carried = self._begun(arrays, rest, self.places)
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(carried.factor)):
             raise SolveError(
                 "the body's stiffness at rest is singular: fix more nodes, or mend materials and mesh"
             )
-        renew = None if self._renewed is None else self._renewed.bound(arrays)
-        return Ready(arrays, self._step.bound(arrays), renew, carried)
+        return Ready(arrays, self._step.bound(arrays), carried)
 
 
 def _split(device: Device) -> tuple[Device, Device]:

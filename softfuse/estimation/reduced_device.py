@@ -1,9 +1,9 @@
 """The same device with a reduced body."""
 
-from dataclasses import replace
 from itertools import groupby
 
 from softfuse.body.body import Body
+from softfuse.equilibrium.load import Loads
 from softfuse.equilibrium.patch import PatchContact
 from softfuse.equilibrium.punch import PunchContact
 from softfuse.errors import SolveError
@@ -11,19 +11,19 @@ from softfuse.estimation.device import Device
 from softfuse.functional.base import AbstractFunctional
 from softfuse.functional.cavity import Cavity
 from softfuse.reduction.chart import Chart
+from softfuse.reduction.known_inverses import KnownInverses, ReducedDense
 from softfuse.reduction.projected_ports import projected_discs, projected_load, projected_patches
 from softfuse.reduction.projected_volume import projected_volumes
 from softfuse.reduction.projection import project
 from softfuse.reduction.rest_stiffness import RestStiffness
-from softfuse.reduction.rolling_inverse import ReducedDense
 
 
 def reduced_device(device: Device, stiffness: RestStiffness, chart: Chart) -> Device:
     """The device with the body of a chart that was taught by its own, which has that stiffness at rest.
 
     Cavities become polynomials, what is attached and what presses become rows of the modes; other functionals
-    stay, so that the chart must watch their nodes. Raises SolveError when the device's
-    body is a reduced one already, or something is attached that cannot be projected.
+    stay, so that the chart must watch their nodes. Raises SolveError when the device's body is a reduced one
+    already, something is attached that cannot be projected, or the stiffness is singular.
     """
     full = device.body
     if not isinstance(full, Body):
@@ -39,11 +39,9 @@ def reduced_device(device: Device, stiffness: RestStiffness, chart: Chart) -> De
         contact = projected_patches(contact, full, chart.basis)
     elif isinstance(contact, PunchContact):
         contact = projected_discs(contact, body)
-    return replace(
-        device,
-        body=body,
-        linear=ReducedDense.plan(body),
-        sensors=tuple(sensors),
-        contact=contact,
-        attached=tuple(projected_load(load, full, body, chart) for load in device.attached),
+    attached = tuple(projected_load(load, full, body, chart) for load in device.attached)
+    # Contacts' ports are linear: they stiffen nothing.
+    known = KnownInverses.of(body, Loads(attached), chart.typical)
+    return Device(
+        body, tuple(sensors), contact, ReducedDense.with_known(body, known), attached, device.gauges
     )

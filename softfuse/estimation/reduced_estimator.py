@@ -1,7 +1,8 @@
 """Frame after frame on reduced bodies, each good for contacts in its own region, or else on the full one.
 
 What is pressed decides which chart is used. A state goes from body to body by its unknowns on the full mesh,
-u = U α there and α = Uᵀ A u back, with the stiffness A that modes are orthonormal in. Where contacts are not
+u = U α there and α = Uᵀ A u back, with the stiffness A that modes are orthonormal in; from chart to chart by
+some of them, see `telling_unknowns`. Where contacts are not
 in one region, or the chart's last modes say that those left out matter too (`AbstractBody.truncation`), the
 full body corrects the estimate and goes on, until a chart comes near enough to its state again.
 """
@@ -122,13 +123,17 @@ class ReducedEstimator:
         """Whether a chart is in use now: it is not taken up where the full body's state is far from it."""
         if number == self._number and not self._on_full:
             return True
-        state = None
-        if self._on_full or self._number is not None:
-            whole, basis = self.state, self._atlas.chart(number).basis
-            z = basis.amplitudes(np.asarray(whole.z), self._stiffness)
-            state = replace(whole, z=jax.device_put(z))
-            if self._on_full and not self._near(number, z, np.asarray(whole.z)):
+        kept, state = self._atlas.chart(number), None
+        if self._on_full:
+            whole = self.state
+            z = kept.basis.amplitudes(np.asarray(whole.z), self._stiffness)
+            if not self._near(number, z, np.asarray(whole.z)):
                 return False
+            state = replace(whole, z=jax.device_put(z))
+        elif self._number is not None:
+            state = self._small.state
+            z = kept.amplitudes_of(self._atlas.chart(self._number), np.asarray(state.z))
+            state = replace(state, z=jax.device_put(z))
         self._small.go_on(state, places, self._of(number))
         self._number, self._on_full = number, False
         return True

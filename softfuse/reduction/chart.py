@@ -16,11 +16,13 @@ from softfuse.reduction.sampling import Sampling
 class Chart(NamedTuple):
     """The `basis` of r modes; the `sampling` of the body's points, at which its energy is measured; the nodes
     `watched` (w,) that loads and functionals look at; how far each mode goes, the root mean square `reach`
-    (r,) of the amplitudes it was taught; and the largest `compliance` [m/N] under one force of its loads.
+    (r,) of the amplitudes it was taught; some `typical` (t, r) of these, far from each other; and the largest
+    `compliance` [m/N] under one force of its loads.
     """
 
     basis: Basis
     sampling: Sampling
     watched: Int[np.ndarray, " w"]
     reach: Float[np.ndarray, " r"]
+    typical: Float[np.ndarray, "t r"]
     compliance: float

@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from softfuse.body.element import Element
 from softfuse.material.base import AbstractMaterial
@@ -70,21 +70,6 @@ class ModePoints(eqx.Module):
     def each_gradient(self) -> Float[Array, "9 k m"]:
         """The modes' gradients, by component and point."""
         return self.gradients.reshape(9, len(self.volumes), -1)
-
-    def part(self, number: Int[Array, ""], of: int) -> "ModePoints":
-        """Part `number` of so many equal ones that their count can be divided into."""
-        size = len(self.volumes) // of
-
-        def cut(leaf: Array, axis: int) -> Array:
-            return jax.lax.dynamic_slice_in_dim(leaf, number * size, size, axis)
-
-        return ModePoints.of(
-            self.material,
-            cut(self.each_gradient, 1),
-            cut(self.pressures, 0),
-            cut(self.volumes, 0),
-            self.element,
-        )
 
     def padded(self, count: int) -> "ModePoints":
         """With points that have no volume, so many that there are `count`."""

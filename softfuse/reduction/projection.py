@@ -24,7 +24,7 @@ def project(body: Body, stiffness: RestStiffness, chart: Chart) -> ReducedBody:
     columns, watched = chart.basis.columns, chart.watched
     n = columns.shape[1]
     chosen = mode_points(body, chart.basis, *chart.sampling.cubature[:2])
-    sample = tuple(each.padded(_in_parts(len(each.volumes))) for each in chosen)
+    sample = tuple(each.padded(max(1, len(each.volumes))) for each in chosen)
     linear = np.zeros((n, n))
     if chart.sampling.beyond_rest:
         counted = (eqx.filter_jit(ModePoints.tangent)(each, jnp.zeros(n)) for each in sample)
@@ -44,8 +44,3 @@ def project(body: Body, stiffness: RestStiffness, chart: Chart) -> ReducedBody:
         stiffness=jnp.asarray(1 / chart.compliance),
         n=n,
     )
-
-
-def _in_parts(count: int) -> int:
-    """The least number, from `count` on and above 0, that the parts divide."""
-    return ReducedBody.parts * max(1, -(-count // ReducedBody.parts))

@@ -29,9 +29,9 @@ class ReducedBody(AbstractBody):
 
     `modes` (u, m) [m]: the displacement modes; `index` (k, 3): which of their rows each node's components
     are, u or more for held ones; `seen` (k,): the place of each watched node in `seen_shapes` (w, 3, m) [m],
-    w for nodes that nothing looks at; `sample`: the weighted points, those of each material together, in
-    numbers that `parts` divides; `linear` (n, n): K₀ − Σ w B_qᵀ s'(0) B_q, or 0; `weight` (n,): g;
-    `rest_volume` [m³]; `stiffness` [N/m]: of the body under a contact, by which energies are told as forces.
+    w for nodes that nothing looks at; `sample`: the weighted points, those of each material together;
+    `linear` (n, n): K₀ − Σ w B_qᵀ s'(0) B_q, or 0; `weight` (n,): g; `rest_volume` [m³]; `stiffness` [N/m]:
+    of the body under a contact, by which energies are told as forces.
     """
 
     rest: Float[Array, "k 3"]
@@ -47,7 +47,6 @@ class ReducedBody(AbstractBody):
     rest_volume: Float[Array, ""]
     stiffness: Float[Array, ""]
     n: int = eqx.field(static=True)
-    parts: int = eqx.field(static=True, default=4)
 
     @property
     def displacement_modes(self) -> int:
@@ -71,13 +70,6 @@ class ReducedBody(AbstractBody):
     def element_tangents(self, z: Float[Array, " n"]) -> Float[Array, "1 n n"]:
         """K(z) (1, n, n)."""
         return (self.linear + sum(points.tangent(z) for points in self.sample))[None]
-
-    def tangent_part(self, z: Float[Array, " n"], number: Int[Array, ""]) -> Float[Array, "n n"]:
-        """What part `number` of the sample adds to K(z) (n, n), in the sample's own precision; all `parts`
-        and `linear` make K.
-        """
-        first, *others = (points.part(number, self.parts).tangent(z) for points in self.sample)
-        return sum(others, start=first)
 
     def tangent_action(self, z: Float[Array, " n"]) -> Callable[[Float[Array, "n c"]], Float[Array, "n c"]]:
         """The map of directions (n, c) to K(z) applied to them, all columns at once: what the modes weigh in

@@ -14,11 +14,15 @@ from softfuse.equilibrium.load import Loads
 from softfuse.errors import SolveError
 from softfuse.reduction.basis import basis_of
 from softfuse.reduction.chart import Chart
+from softfuse.reduction.known_inverses import far_apart
 from softfuse.reduction.load_paths import LoadPath
 from softfuse.reduction.rest_stiffness import RestStiffness
 from softfuse.reduction.sampling import sampled
 from softfuse.reduction.snapshots import LoadsAt, snapshots
 from softfuse.reduction.strained_points import mode_points
+
+_TYPICAL = 32
+"""States that live steps know the inverse tangent in."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,7 @@ def teach(
         sampling,
         np.union1d(_furthest(body, found.states), np.flatnonzero(pushed)),
         np.sqrt(np.mean(amplitudes[found.found] ** 2, axis=0)),
+        far_apart(amplitudes[found.found], _TYPICAL),
         float(_softest(loads_at, linear, body, paths[0].place)),
     )
 

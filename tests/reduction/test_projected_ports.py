@@ -59,7 +59,7 @@ def pair(linear_finger: Callable[..., Path]) -> Pair:
     basis = Basis(modes[: body.n_displacements], np.zeros((body.n - body.n_displacements, 0)))
     count = body.volumes.size
     every = Sampling(Cubature(np.arange(count), np.ones(count), 0.0), True)
-    chart = Chart(basis, every, np.array([0]), np.ones(MODES), 1e-3)
+    chart = Chart(basis, every, np.array([0]), np.ones(MODES), np.zeros((1, MODES)), 1e-3)
     return Pair(full, reduced_device(full, rest_stiffness(body), chart), basis.columns, chart)
 
 
