@@ -5,8 +5,9 @@
 The chart of one electrode is taught and kept in --out. Random pushes there while the cable pulls, up to the
 `force` and the `tension` of `[reduction]`, are solved with the full body and with the chart: the distances by
 which nodes are off, beside the furthest way of a node, and shortenings and pressures. Then the finger goes
-from load to load, two seconds each at a thousand frames a second, by the readings of the full body there and
-straight between: each frame is estimated, and the shape of all nodes found. Pin it to a core, `NPROC=1
+from load to load, two seconds each at a thousand frames a second, by the readings of the full body there and,
+between, those of the chart with what these were off by: each frame is estimated, and the shape of all nodes
+found. Pin it to a core, `NPROC=1
 taskset -c 0`, to see what one core does. Printed, and written to reduced_finger.json.
 """
 
@@ -34,7 +35,7 @@ from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation
 from softfuse.reduction.rest_stiffness import rest_stiffness
 
-PER_LOAD = 2000
+PER_LOAD, SOLVED_EVERY = 2000, 50
 SIGMA_M, SIGMA_PA = 5e-5, 10.0
 CONFIG = Path(__file__).parents[1] / "configs" / "finger.toml"
 
@@ -70,8 +71,6 @@ def errors(
     """Of shapes and readings under drives (c, D), 50 % of the cases and the largest; and the full body's
     readings (c, k).
     """
-    # Charts are kept in single precision, which is enough for estimates.
-    small = jax.tree.map(lambda x: x.astype(float) if x.dtype == jnp.float32 else x, small)
     rows, readings = [], []
     for drive in jnp.asarray(wanted):
         exact, found = (simulate(each, place, drive) for each in (device, small))
@@ -97,31 +96,43 @@ def errors(
     return {key: np.percentile(each, [50, 100]).tolist() for key, each in columns}, np.array(readings)
 
 
+def way(small: Device, place: jax.Array, wanted: np.ndarray, readings: np.ndarray) -> np.ndarray:
+    """Readings (f, k) on the way from rest through drives (c, D), at which they are the given ones (c, k)."""
+    loads = np.concatenate([np.asarray(small.rest_state(place).drive)[None], wanted])
+    at_load, every = np.arange(len(loads)), SOLVED_EVERY / PER_LOAD
+    solved = np.arange(0.0, len(wanted) + every / 2, every)
+    drives = np.stack([np.interp(solved, at_load, column) for column in loads.T], axis=1)
+    own = np.array([small.reading(simulate(small, place, drive).state) for drive in jnp.asarray(drives)])
+    missed = readings - own[:: round(1 / every)][1:]
+    missed = np.concatenate([np.zeros_like(missed[:1]), missed])
+    frame = np.arange(PER_LOAD * len(wanted)) / PER_LOAD
+    columns = zip(own.T, missed.T, strict=True)
+    return np.stack([np.interp(frame, solved, o) + np.interp(frame, at_load, m) for o, m in columns], axis=1)
+
+
 def frame_times(
-    config: DeviceConfig, kept: Kept, place: jax.Array, wanted: np.ndarray, readings: np.ndarray, frames: int
+    config: DeviceConfig, kept: Kept, place: jax.Array, wanted: np.ndarray, through: np.ndarray, frames: int
 ) -> dict[str, object]:
     """Latencies [ms] of estimate, shape and both, 50 and 99 %; how often programs were traced or compiled, a
     factor made anew and a state lost; and how far off the tension is at the loads [N], 50 % and the largest.
     """
     estimator = Estimator(kept.device, build_limits(config, 1), place, build_step_settings(config))
-    weight = np.full(readings.shape[1], 1 / SIGMA_PA)
+    weight = np.full(through.shape[1], 1 / SIGMA_PA)
     weight[0] = 1 / SIGMA_M
-    path = np.arange(frames) / PER_LOAD % len(readings)
-    through = np.concatenate([np.zeros_like(readings[:1]), readings])
-    known = np.arange(len(through))
-    seen = np.stack([np.interp(path, known, column) for column in through.T], axis=1)
+    # To and fro.
+    turned = np.abs((np.arange(frames) + len(through) - 1) % (2 * len(through) - 2) - (len(through) - 1))
     taken, off, renewed, lost = [], [], 0, 0
     with compilations() as compiled:
-        for k, each in enumerate(seen):
+        for k in turned:
             began = time.perf_counter()
-            found = estimator.update(Observation.on_host(each, weight, np.asarray(place)))
+            found = estimator.update(Observation.on_host(through[k], weight, np.asarray(place)))
             estimated = time.perf_counter()
             kept.displacement(np.asarray(estimator.state.z))
             taken.append((estimated - began, time.perf_counter() - estimated))
             renewed, lost = renewed + found.renewed, lost + found.lost
-            if k and k % PER_LOAD == 0 and path[k]:
+            if k and k % PER_LOAD == 0:
                 cable = kept.device.contact.drives
-                off.append(abs(found.drive[cable] - wanted[int(path[k]) - 1, cable]))
+                off.append(abs(found.drive[cable] - wanted[k // PER_LOAD - 1, cable]))
     return {
         **latencies(taken),
         "traced_or_compiled": len(compiled),
@@ -144,14 +155,17 @@ def main() -> None:
     device, place = build_device(config), jnp.array([given.electrode])
     kept, taken = taught(config, device, given.electrode, given.out / "finger_charts")
     wanted = drives(config, device, given.cases, place)
-    missed, readings = errors(device, kept.device, place, wanted)
+    # Charts are kept in single precision, which is enough for estimates.
+    small = jax.tree.map(lambda x: x.astype(float) if x.dtype == jnp.float32 else x, kept.device)
+    missed, readings = errors(device, small, place, wanted)
+    through = way(small, place, wanted, readings)
     row = {
         "taught_s": taken,
         "full_unknowns": device.body.n,
         "reduced_unknowns": kept.device.body.n,
         "points": [len(each.volumes) for each in kept.device.body.sample],
         **missed,
-        **frame_times(config, kept, place, wanted, readings, given.frames),
+        **frame_times(config, kept, place, wanted, through, given.frames),
     }
     for key, value in row.items():
         print(f"{key:>20} {np.array2string(np.asarray(value), precision=3)}", flush=True)

@@ -84,7 +84,7 @@ def wandering(cells: Cells, frames: int, largest: float) -> tuple[np.ndarray, np
 
 def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int) -> dict[str, object]:
     """Latencies [ms] of estimate, shape and both, 50 and 99 %; how often programs were traced or compiled,
-    and the full body asked; by how much forces were off; and the full body's latencies.
+    the full body asked and a tangent inverted; by how much forces were off; and the full body's latencies.
     """
     assert config.contact is not None
     cells = atlas.regions
@@ -109,7 +109,7 @@ def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int)
         small.update(path[0]._replace(places=place[None]))
     small.reset()
     small.update(path[0])
-    taken, off, corrected = [], [], 0
+    taken, off, corrected, renewed = [], [], 0, 0
     with compilations() as compiled:
         for k in turned:
             began = time.perf_counter()
@@ -118,12 +118,13 @@ def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int)
             small.displacement()
             taken.append((estimated - began, time.perf_counter() - estimated))
             off.append(abs(found.drive[0] - forces[k]))
-            corrected += found.corrected
+            corrected, renewed = corrected + found.corrected, renewed + found.renewed
     beside = [full.update(each).latency_s for each in path[:200]]
     return {
         **latencies(taken),
         "traced_or_compiled": len(compiled),
         "corrected_%": 100 * corrected / frames,
+        "renewed_%": 100 * renewed / frames,
         "force_off_N": np.percentile(off, [50, 95, 100]).tolist(),
         "full_ms": (1e3 * np.percentile(beside, [50, 99])).tolist(),
     }

@@ -36,14 +36,15 @@ class AbstractLinearSolver(eqx.Module):
 
     @property
     def knows(self) -> bool:
-        """Whether factors near all states that live steps come to are known, so that these make none, and
-        refine nothing.
-        """
+        """Whether factors near most states of live steps are known, so that these refine nothing."""
         return False
 
-    def near(self, z: Float[Array, " n"]) -> PyTree[Array]:
-        """The factor nearest to the tangent in a state z (n,), where factors are known."""
-        raise AssertionError(f"{type(self).__name__} knows no factors, where z is {z}")
+    def near(
+        self, factor: PyTree[Array], made_at: Float[Array, " n"], z: Float[Array, " n"]
+    ) -> PyTree[Array]:
+        """The factor for a state z (n,): one `made_at` another (n,), unless one that is known is nearer."""
+        del made_at, z
+        return factor
 
     def rough(self) -> "AbstractLinearSolver":
         """A faster solver of the same plan, whose solutions are only good enough to be refined; itself where

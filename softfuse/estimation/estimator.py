@@ -3,7 +3,8 @@
 The two jitted pieces, sensors and `LiveStep`, are compiled ahead and never again, at the next start not even
 traced (`kept_programs`). Between frames this file decides whether the factor of the tangent is renewed:
 when the step found that a refinement shrinks the error of its linear solves by less than
-`refresh_contraction`. Where inverses are known beforehand, steps refine nothing and nothing is renewed.
+`refresh_contraction`. Where inverses are known beforehand, steps refine nothing, and what they leave to the
+next step decides.
 While nothing touches, the body rests and the factor at rest serves. Only compiling is threaded here;
 `hardware` does the rest.
 """
@@ -83,7 +84,7 @@ class Estimator:
         self._ready = ready or self._ready
         self.reset()
         if state is not None:
-            self._carried = self.live.begin(self._ready, state, places)
+            self._carried = self.live.go_on(self._ready, state, places)
 
     def reset(self) -> None:
         """Forget the past: the body rests, nothing presses."""

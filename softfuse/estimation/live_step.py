@@ -27,14 +27,18 @@ from softfuse.estimation.limits import Limits
 from softfuse.estimation.packing import Packed, Packing
 from softfuse.estimation.step import Observation, StepReport, estimate_step
 
+_LEAST_MOTION = 1e-3
+"""The part of the whole motion below which what a step leaves to do is noise."""
+_NO_MOTION = 1e-12
+"""Keeps a body that rests from dividing by 0."""
+
 
 class Carried(NamedTuple):
-    """From frame to frame: the state, r(z) (n,) there, and, unless such are known, a factor of a tangent not
-    far from it.
-    """
+    """From frame to frame: the state, r(z) (n,) there, and the factor of a tangent `made_at` a state (n,)."""
 
     state: State
     factor: PyTree[Array]
+    made_at: Float[Array, " n"]
     resistance: Float[Array, " n"]
 
 
@@ -67,10 +71,12 @@ def _rest(static: Device, arrays: Device, places: Array) -> State:
 
 def _begun(static: Device, arrays: Device, state: State, places: Array) -> Carried:
     device = eqx.combine(arrays, static)
-    factor = ()
-    if not device.linear.knows:
-        factor = device.linear.factor(loaded_tangents(device.body, device.loads(places), state))
-    return Carried(state, factor, device.body.residual(state.z))
+    factor = device.linear.factor(loaded_tangents(device.body, device.loads(places), state))
+    return Carried(state, factor, state.z, device.body.residual(state.z))
+
+
+def _resisted(static: Device, arrays: Device, state: State) -> Array:
+    return eqx.combine(arrays, static).body.residual(state.z)
 
 
 def _stepped(
@@ -79,8 +85,7 @@ def _stepped(
     static, refinements, frames, reports = fixed
     device = eqx.combine(arrays, static)
     limits, seen = frames.unpack(frame)
-    linear = device.linear
-    factor = linear.near(carried.state.z) if linear.knows else carried.factor
+    factor = device.linear.near(carried.factor, carried.made_at, carried.state.z)
     after, report = estimate_step(
         device,
         limits,
@@ -90,9 +95,22 @@ def _stepped(
         refinements=refinements,
         resistance=carried.resistance,
     )
+    resistance = device.body.residual(after.z)
+    if refinements == 0:
+        left = _left_to_do(device, factor, carried.state, after, resistance, seen.places)
+        report = report._replace(contraction=left)
     told = reports.pack(Stepped(after.drive, report))
-    # What is not new is not returned: it would be copied.
-    return _After(after, device.body.residual(after.z), told)
+    return _After(after, resistance, told)
+
+
+def _left_to_do(
+    device: Device, factor: PyTree[Array], before: State, after: State, resistance: Array, places: Array
+) -> Float[Array, ""]:
+    # How far a step would go to balance what the one before it left out of balance, as a part of that one.
+    left = resistance - device.loads(places).push(device.body, after.z, after.force)
+    again = device.linear.solve(factor, left[:, None])[:, 0]
+    gone = jnp.linalg.norm(after.z - before.z)
+    return jnp.linalg.norm(again) / (gone + _LEAST_MOTION * jnp.linalg.norm(after.z) + _NO_MOTION)
 
 
 class LiveStep:
@@ -119,6 +137,9 @@ class LiveStep:
         self._frames = Packing.of((limits, Observation(readings, readings, places)))
         self._reports = Packing.of(_report_like(device, rest))
         begun = lowered(_begun, static, arrays, rest, places)
+        self._resisted = None
+        if static.linear.knows:
+            self._resisted = lowered(_resisted, static, arrays, rest).compile()
         fixed = static, 0 if static.linear.knows else refinements, self._frames, self._reports
         frame = self._frames.vectors
         # XLA compiles one program on another thread while the other is traced and compiled on this one.
@@ -140,8 +161,14 @@ class LiveStep:
         return self._ready(arrays, self._rest(arrays, self.places))
 
     def begin(self, ready: Ready, state: State, places: Array) -> Carried:
-        """What is carried from a state on, under contacts at `places` (c, ...)."""
+        """What is carried from a state on, under contacts at `places` (c, ...), with a new factor."""
         return self._begun(ready.arrays, state, places)
+
+    def go_on(self, ready: Ready, state: State, places: Array) -> Carried:
+        """What is carried from a state on; no factor is made where such are known."""
+        if self._resisted is None:
+            return self.begin(ready, state, places)
+        return ready.rest._replace(state=state, resistance=self._resisted(ready.arrays, state))
 
     def step(
         self, ready: Ready, carried: Carried, limits: Limits, seen: Observation
@@ -149,7 +176,7 @@ class LiveStep:
         """One step; waits for it."""
         after = ready.step(carried, self._frames.pack((limits, seen), np))
         told = self._reports.unpack({kind: np.asarray(vector) for kind, vector in after.told.items()})
-        return Carried(after.state, carried.factor, after.resistance), told
+        return carried._replace(state=after.state, resistance=after.resistance), told
 
     def _ready(self, arrays: Device, rest: State) -> Ready:
         carried = self._begun(arrays, rest, self.places)

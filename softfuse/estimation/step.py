@@ -65,7 +65,8 @@ class StepReport(NamedTuple):
     `misfit` (k,): measured minus modelled reading after it; `compliance` (k, D): W; `kkt`: optimality of the
     QP, in units of the drives; `taken` [-]: the part of the QP's step that was taken, below 1 where it was
     shortened to `Limits.motion`; `unbalanced` [N]: largest nodal force out of balance before it;
-    `contraction` [-]: by how much the first refinement shrank the error of the linear solves;
+    `contraction` [-]: by how much the first refinement shrank the error of the linear solves (of a live step
+    without refinements: how far the next one goes for what this one left out of balance, as a part of it);
     `least_volume_ratio` [-]: smallest det F after it; `truncation` [-]: what part of a reduced body's state
     its last modes are.
     """

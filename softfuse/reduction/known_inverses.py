@@ -3,7 +3,8 @@
 A tangent costs ten times what a step may take, for it is a sum over all points of what each says about every
 pair of modes; and its inverse another. A chart is small, though: among a few dozen states as far from each
 other as those it was taught there is one near any other. The step solves for what is out of balance, so what
-an inverse is off by makes it converge a little slower and moves no equilibrium.
+an inverse is off by makes it converge a little slower and moves no equilibrium. Where that is too slow, the
+estimator makes one for the state at hand, which serves as long as it is the nearest.
 """
 
 import equinox as eqx
@@ -51,10 +52,17 @@ class KnownInverses(AbstractLinearSolver):
         """That is what it is for."""
         return True
 
-    def near(self, z: Float[Array, " n"]) -> Float[Array, "n n"]:
-        """K⁻¹ (n, n) in the state that is nearest to z (n,), by energy at rest."""
-        away = jnp.sum((self.states - z.astype(jnp.float32)) ** 2, axis=1)
-        return self.inverses[jnp.argmin(away)]
+    def near(
+        self, factor: Float[Array, "n n"], made_at: Float[Array, " n"], z: Float[Array, " n"]
+    ) -> Float[Array, "n n"]:
+        """K⁻¹ (n, n) in the state that is nearest to z (n,), by energy at rest: a known one, or the one that
+        the factor was `made_at` (n,).
+        """
+        at = z.astype(jnp.float32)
+        away = jnp.sum((self.states - at) ** 2, axis=1)
+        nearest = jnp.argmin(away)
+        own = jnp.sum((made_at.astype(jnp.float32) - at) ** 2) < away[nearest]
+        return jnp.where(own, factor, self.inverses[nearest])
 
     def factor(self, element_tangents: Float[Array, "1 n n"]) -> Float[Array, "n n"]:
         """The inverse (n, n) of a tangent."""

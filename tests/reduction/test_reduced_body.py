@@ -24,7 +24,7 @@ from softfuse.reduction.basis import Basis
 from softfuse.reduction.cells import Cell
 from softfuse.reduction.chart import Chart
 from softfuse.reduction.cubature import Cubature
-from softfuse.reduction.known_inverses import far_apart
+from softfuse.reduction.known_inverses import KnownInverses, far_apart
 from softfuse.reduction.load_paths import LoadPath, presses
 from softfuse.reduction.projection import project
 from softfuse.reduction.reduced_body import ReducedBody
@@ -159,14 +159,35 @@ def test_single_precision_moves_forces_by_a_hundred_thousandth(taught: Taught) -
 
 def test_the_inverse_nearest_to_a_state_is_known_well_enough_to_converge_with(taught: Taught) -> None:
     body, known = taught.device.body, taught.device.linear.rough()
+    rest, own = jnp.zeros(body.n), jnp.zeros((body.n, body.n))
     for state in (*taught.chart.typical[[0, -1]], *taught.states):
-        off = np.eye(body.n) - np.asarray(known.near(jnp.asarray(state))) @ np.asarray(
-            body.element_tangents(jnp.asarray(state))[0]
-        )
+        inverse = known.near(known.inverses[0], rest, jnp.asarray(state))
+        off = np.eye(body.n) - np.asarray(inverse) @ np.asarray(body.element_tangents(jnp.asarray(state))[0])
         contraction = np.abs(np.linalg.eigvals(off)).max()
         assert contraction < (1e-4 if state in taught.chart.typical else 0.5)
-    at_rest = known.near(jnp.zeros(body.n))
-    np.testing.assert_array_equal(at_rest, known.inverses[0])
+    state = jnp.asarray(taught.states[0])
+    np.testing.assert_array_equal(known.near(own, state, state), own)
+    np.testing.assert_array_equal(known.near(own, state, rest), known.inverses[0])
+
+
+@pytest.mark.slow
+def test_an_inverse_is_made_where_none_is_known_that_converges(device, taught) -> None:
+    (place, force), limits = UNSEEN[1], Limits(jnp.zeros(1), jnp.array([12.0]), jnp.array([1e-6]))
+    linear = taught.device.linear
+    too_stiff = KnownInverses(linear.known.states[:1], 0.4 * linear.known.inverses[:1])
+    found = {}
+    for name, known in (("all", linear.known), ("too stiff", too_stiff)):
+        small = replace(taught.device, linear=replace(linear, known=known))
+        estimator = Estimator(small, limits, at(*place))
+        renewed = 0
+        for part in np.linspace(0.02, 1.0, 50):
+            reading = device.reading(simulate(device, at(*place), jnp.array([part * force])).state)
+            told = estimator.update(Observation(reading, jnp.full(device.readings, 1e9), at(*place)))
+            renewed += told.renewed
+        found[name] = told.drive[0], renewed
+    assert found["all"][1] == 0 < found["too stiff"][1] < 15
+    for drive, _ in found.values():
+        assert drive == pytest.approx(force, rel=1e-2)
 
 
 def test_typical_states_are_far_from_each_other_and_rest() -> None:
