@@ -19,7 +19,7 @@ class ReductionSettings(Settings):
     pressures: PositiveInteger = 24
     sampling: PositiveNumber = 1e-3
     points: PositiveInteger = 512
-    side: PositiveInteger = 2
+    side: PositiveInteger = 3
     levels: PositiveInteger = 4
     near: PositiveInteger = 10
     force: PositiveForce | None = None
