@@ -4,9 +4,8 @@ The two jitted pieces, sensors and `LiveStep`, are compiled ahead and never agai
 traced (`kept_programs`). Between frames this file decides whether the factor of the tangent is renewed:
 when the step found that a refinement shrinks the error of its linear solves by less than
 `refresh_contraction`. Where inverses are known beforehand, steps refine nothing, and what they leave to the
-next step decides.
-While nothing touches, the body rests and the factor at rest serves. Only compiling is threaded here;
-`hardware` does the rest.
+next step decides. While nothing touches, the body rests and the factor at rest serves. Only compiling is
+threaded here; `hardware` does the rest.
 """
 
 import time
