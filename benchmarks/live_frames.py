@@ -28,3 +28,9 @@ def latencies(taken: Sequence[tuple[float, float]]) -> dict[str, list[float]]:
     estimate, shape = 1e3 * np.transpose(taken)
     parts = {"estimate_ms": estimate, "shape_ms": shape, "frame_ms": estimate + shape}
     return {key: np.percentile(each, [50, 99]).tolist() for key, each in parts.items()}
+
+
+def to_and_fro(length: int, frames: int) -> np.ndarray:
+    """Where so many frames (f,) are on a path of that length, which turns at its ends."""
+    back = length - 1
+    return np.abs((np.arange(frames) + back) % (2 * back) - back)

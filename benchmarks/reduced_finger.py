@@ -7,8 +7,8 @@ The chart of one electrode is taught and kept in --out. Random pushes there whil
 which nodes are off, beside the furthest way of a node, and shortenings and pressures. Then the finger goes
 from load to load, two seconds each at a thousand frames a second, by the readings of the full body there and,
 between, those of the chart with what these were off by: each frame is estimated, and the shape of all nodes
-found. Pin it to a core, `NPROC=1
-taskset -c 0`, to see what one core does. Printed, and written to reduced_finger.json.
+found. Pin it to a core, `NPROC=1 taskset -c 0`, to see what one core does. Printed, and written to
+reduced_finger.json.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from live_frames import compilations, latencies
+from live_frames import compilations, latencies, to_and_fro
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.config import load
@@ -119,11 +119,9 @@ def frame_times(
     estimator = Estimator(kept.device, build_limits(config, 1), place, build_step_settings(config))
     weight = np.full(through.shape[1], 1 / SIGMA_PA)
     weight[0] = 1 / SIGMA_M
-    # To and fro.
-    turned = np.abs((np.arange(frames) + len(through) - 1) % (2 * len(through) - 2) - (len(through) - 1))
     taken, off, renewed, lost = [], [], 0, 0
     with compilations() as compiled:
-        for k in turned:
+        for k in to_and_fro(len(through), frames):
             began = time.perf_counter()
             found = estimator.update(Observation.on_host(through[k], weight, np.asarray(place)))
             estimated = time.perf_counter()

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from live_frames import compilations, latencies
+from live_frames import compilations, latencies, to_and_fro
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.recorded import sensor_columns, sensor_frames
@@ -100,8 +100,6 @@ def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int)
     limits, none = build_limits(config, 1), jnp.zeros((1, 3))
     sigma = np.full(readings.shape[1], 1e9)
     path = [Observation.on_host(r, sigma, p[None]) for r, p in zip(readings, places, strict=True)]
-    # To and fro.
-    turned = np.abs((np.arange(frames) + len(path) - 1) % (2 * len(path) - 2) - (len(path) - 1))
     full, small = Estimator(device, limits, none), ReducedEstimator(atlas, limits, none)
     outside = np.append(np.array(cells.high) + APART_M, 0.0)
     for place in (outside, *(cells[number].centre for number in range(len(cells)))):
@@ -111,7 +109,7 @@ def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int)
     small.update(path[0])
     taken, off, corrected, renewed = [], [], 0, 0
     with compilations() as compiled:
-        for k in turned:
+        for k in to_and_fro(len(path), frames):
             began = time.perf_counter()
             found = small.update(path[k])
             estimated = time.perf_counter()

@@ -1,5 +1,6 @@
 """The same device with a reduced body."""
 
+from dataclasses import replace
 from itertools import groupby
 
 from softfuse.body.body import Body
@@ -42,6 +43,11 @@ def reduced_device(device: Device, stiffness: RestStiffness, chart: Chart) -> De
     attached = tuple(projected_load(load, full, body, chart) for load in device.attached)
     # Contacts' ports are linear: they stiffen nothing.
     known = KnownInverses.of(body, Loads(attached), chart.typical)
-    return Device(
-        body, tuple(sensors), contact, ReducedDense.with_known(body, known), attached, device.gauges
+    return replace(
+        device,
+        body=body,
+        linear=ReducedDense.with_known(body, known),
+        sensors=tuple(sensors),
+        contact=contact,
+        attached=attached,
     )

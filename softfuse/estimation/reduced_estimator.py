@@ -2,9 +2,9 @@
 
 What is pressed decides which chart is used. A state goes from body to body by its unknowns on the full mesh,
 u = U α there and α = Uᵀ A u back, with the stiffness A that modes are orthonormal in; from chart to chart by
-some of them, see `telling_unknowns`. Where contacts are not
-in one region, or the chart's last modes say that those left out matter too (`AbstractBody.truncation`), the
-full body corrects the estimate and goes on, until a chart comes near enough to its state again.
+some of them, see `telling_unknowns`. Where contacts are not in one region, or the chart's last modes say that
+those left out matter too (`AbstractBody.truncation`), the full body corrects the estimate and goes on, until
+a chart comes near enough to its state again.
 """
 
 import logging
