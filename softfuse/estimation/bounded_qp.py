@@ -143,8 +143,10 @@ def _active(q: Array, b: Array, matrix: Array, low: Array, high: Array) -> tuple
         first = _Search(at_low, at_high, jnp.array(True), jnp.array(0))
         return jax.lax.while_loop(lambda at: at.changed & (at.count < most), update, first)
 
-    def with_guess() -> _Search:
-        found = _solver().run(params_obj=(q, -b), params_eq=matrix, params_ineq=(low, high)).params
+    def with_guess(near: _Search) -> _Search:
+        # XLA computes before a loop what does not depend on its carry, even where it is never entered.
+        objective = q, jnp.where(near.changed, -b, 0.0)
+        found = _solver().run(params_obj=objective, params_eq=matrix, params_ineq=(low, high)).params
         value = found.primal[1]
         up, down = found.dual_ineq
         return searched(equal | (down > value - low), equal | (up > high - value), _MAX_CHANGES)
@@ -153,6 +155,6 @@ def _active(q: Array, b: Array, matrix: Array, low: Array, high: Array) -> tuple
     # after its first pass: in a batch both sides of a `cond` would always be computed.
     near = searched(equal, equal, _FEW_CHANGES)._replace(count=jnp.array(0))
     last = jax.lax.while_loop(
-        lambda at: at.changed & (at.count == 0), lambda at: with_guess()._replace(count=jnp.array(1)), near
+        lambda at: at.changed & (at.count == 0), lambda at: with_guess(at)._replace(count=jnp.array(1)), near
     )
     return last.at_low, last.at_high
