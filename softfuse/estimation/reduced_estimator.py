@@ -31,7 +31,7 @@ from softfuse.reduction.rest_stiffness import rest_stiffness
 
 log = logging.getLogger(__name__)
 
-MOST_TRUNCATION = 0.05
+MOST_TRUNCATION = 0.01
 """Of the reduced body's last modes: above it, the full body corrects."""
 _BACK = 0.7
 """A chart that has been left is taken again below this part of what it was left at."""
