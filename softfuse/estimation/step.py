@@ -37,7 +37,7 @@ from softfuse.estimation.bounded_qp import Rows, solve_bounded_qp
 from softfuse.estimation.device import Device
 from softfuse.estimation.limits import Limits
 
-_CLOSE = 5e-2
+_CLOSE = 0.15
 """A first refinement that is smaller than this part of the solution leaves an error of its square."""
 
 _LEAST_FORCE_N = 0.05
