@@ -27,7 +27,7 @@ from softfuse.estimation.limits import Limits
 from softfuse.estimation.live_step import Ready
 from softfuse.estimation.step import Observation
 from softfuse.reduction.reduced_body import ReducedBody
-from softfuse.reduction.rest_stiffness import rest_stiffness
+from softfuse.reduction.rest_stiffness import RestStiffness, rest_stiffness
 
 log = logging.getLogger(__name__)
 
@@ -50,13 +50,13 @@ class ReducedEstimator:
         """
         assert isinstance(atlas.full.body, Body)
         self.device, self.limits, self._atlas = atlas.full, limits, atlas
-        self._stiffness = rest_stiffness(atlas.full.body)
         self._small = Estimator(atlas.chart(0).device, limits, places, settings)
         self.compile_s = self._small.compile_s
         self._ready: dict[int, Ready | None] = {}
         aside = ThreadPoolExecutor(1)
         # Nobody waits for these before they are needed.
         self._full: Future[Estimator] = aside.submit(Estimator, atlas.full, limits, places, settings)
+        self._stiffness: Future[RestStiffness] = aside.submit(rest_stiffness, atlas.full.body)
         for number in range(len(atlas.regions)):
             aside.submit(self._of, number)
         aside.shutdown(wait=False)
@@ -126,7 +126,7 @@ class ReducedEstimator:
         kept, state = self._atlas.chart(number), None
         if self._on_full:
             whole = self.state
-            z = kept.basis.amplitudes(np.asarray(whole.z), self._stiffness)
+            z = kept.basis.amplitudes(np.asarray(whole.z), self._stiffness.result())
             if not self._near(number, z, np.asarray(whole.z)):
                 return False
             state = replace(whole, z=jax.device_put(z))
@@ -157,9 +157,10 @@ class ReducedEstimator:
         truncation = float(kept.device.body.truncation(jnp.asarray(z)))
         if not (truncation <= most or self._told_by_last(kept, z) <= _BACK * _UNSEEN_M):
             return False
-        u = self._stiffness.n_displacements
+        stiffness = self._stiffness.result()
+        u = stiffness.n_displacements
         missed, moved = (whole - kept.basis.states(z))[:u], whole[:u]
-        energies = [each @ (self._stiffness.displacement @ each) for each in (missed, moved)]
+        energies = [each @ (stiffness.displacement @ each) for each in (missed, moved)]
         return bool(energies[0] <= most**2 * energies[1] or np.max(np.abs(missed)) <= _BACK * _UNSEEN_M)
 
     def _of(self, number: int) -> Ready | None:
