@@ -143,9 +143,10 @@ def _active(q: Array, b: Array, matrix: Array, low: Array, high: Array) -> tuple
         first = _Search(at_low, at_high, jnp.array(True), jnp.array(0))
         return jax.lax.while_loop(lambda at: at.changed & (at.count < most), update, first)
 
-    def with_guess(near: _Search) -> _Search:
-        # XLA computes before a loop what does not depend on its carry, even where it is never entered.
-        objective = q, jnp.where(near.changed, -b, 0.0)
+    def with_guess(at: _Search) -> _Search:
+        # XLA computes before a loop what does not depend on its carry, even where it is never entered; so -b
+        # comes by way of the carry. Where the guess is used, `changed` is true.
+        objective = q, jnp.where(at.changed, -b, 0.0)
         found = _solver().run(params_obj=objective, params_eq=matrix, params_ineq=(low, high)).params
         value = found.primal[1]
         up, down = found.dual_ineq
