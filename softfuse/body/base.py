@@ -11,6 +11,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 _WRITTEN_OUT = 3  # columns
@@ -111,7 +112,7 @@ class AbstractBody(eqx.Module):
         _, action = jax.linearize(self.residual, z)
         return lambda directions: column_by_column(action, directions)
 
-    def truncation(self, z: Float[Array, " n"]) -> Float[Array, ""]:
+    def truncation(self, z: Float[Array | np.ndarray, " n"]) -> Float[Array | np.ndarray, ""]:
         """What part of the shape is made by the last of its modes [-]: about what those that were left out
         would have added. 0 for a body without modes.
         """

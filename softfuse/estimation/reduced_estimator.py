@@ -13,7 +13,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
@@ -26,6 +25,7 @@ from softfuse.estimation.kept_device import Kept
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.live_step import Ready
 from softfuse.estimation.step import Observation
+from softfuse.reduction.body_arrays import of_nodes
 from softfuse.reduction.reduced_body import ReducedBody
 from softfuse.reduction.rest_stiffness import RestStiffness, rest_stiffness
 
@@ -80,7 +80,9 @@ class ReducedEstimator:
     def displacement(self) -> Float[np.ndarray, "k 3"]:
         """Displacements (k, 3) m of all nodes after the last frame."""
         if self._on_full or self._number is None:
-            return np.asarray(self.device.body.displacement(self.state.z))
+            body, z = self.device.body, np.asarray(self.state.z)
+            assert isinstance(body, Body)
+            return of_nodes(body, np.arange(body.n_nodes), z[: body.n_displacements, None])[:, :, 0]
         return self._atlas.chart(self._number).displacement(np.asarray(self._small.state.z))
 
     def update(self, seen: Observation, limits: Limits | None = None) -> Estimate:
@@ -154,7 +156,7 @@ class ReducedEstimator:
     def _near(self, number: int, z: Float[np.ndarray, " r"], whole: Float[np.ndarray, " n"]) -> bool:
         """Whether a chart at amplitudes z (r,) comes near enough to the full body's unknowns (n,)."""
         kept, most = self._atlas.chart(number), _BACK * MOST_TRUNCATION
-        truncation = float(kept.device.body.truncation(jnp.asarray(z)))
+        truncation = float(kept.device.body.truncation(z))
         if not (truncation <= most or self._told_by_last(kept, z) <= _BACK * _UNSEEN_M):
             return False
         stiffness = self._stiffness.result()

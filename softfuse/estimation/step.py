@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from softfuse.equilibrium.interface import slopes
@@ -78,7 +79,7 @@ class StepReport(NamedTuple):
     unbalanced: Float[Array, ""]
     contraction: Float[Array, ""]
     least_volume_ratio: Float[Array, ""]
-    truncation: Float[Array, ""]
+    truncation: Float[Array | np.ndarray, ""]
 
 
 def strokes(device: Device, loads: Loads, state: State) -> Float[Array, " D"]:

@@ -18,6 +18,7 @@ from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from softfuse.body.base import AbstractBody
@@ -78,12 +79,13 @@ class ReducedBody(AbstractBody):
         parts = [points.tangent_action(z) for points in self.sample]
         return lambda directions: self.linear @ directions + sum(part(directions) for part in parts)
 
-    def truncation(self, z: Float[Array, " n"]) -> Float[Array, ""]:
+    def truncation(self, z: Float[Array | np.ndarray, " n"]) -> Float[Array | np.ndarray, ""]:
         """The last modes' part of the shape [-], by energy at rest: modes come in the order of what they are
         needed for.
         """
         moved, last = z[: self.displacement_modes], z[self.last_modes]
-        return jnp.linalg.norm(last) / (jnp.linalg.norm(moved) + jnp.finfo(z.dtype).tiny)
+        # In operators that numpy's arrays have too: for these nothing is compiled.
+        return (last @ last) ** 0.5 / ((moved @ moved) ** 0.5 + jnp.finfo(z.dtype).tiny)
 
     @property
     def last_modes(self) -> slice:
