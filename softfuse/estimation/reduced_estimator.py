@@ -11,6 +11,7 @@ import logging
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from threading import Event
 
 import jax
 import numpy as np
@@ -37,6 +38,8 @@ _BACK = 0.7
 """A chart that has been left is taken again below this part of what it was left at."""
 _UNSEEN_M = 5e-6
 """By how little a node may be off, whatever part of the shape that is: hardly pressed, all of it is noise."""
+_NOTHING_PRESSED_S = 2.0
+"""If no contact is estimated for so long, there is time to make ready what the first one can do without."""
 
 
 class ReducedEstimator:
@@ -44,7 +47,7 @@ class ReducedEstimator:
 
     def __init__(self, atlas: Atlas, limits: Limits, places: Array, settings: StepSettings = DEFAULT_STEPS):
         """Compile the step for as many contacts as there are `places` (c, ...), wherever they are; the full
-        body's, and then all charts, are made ready meanwhile.
+        body's, and then all charts, are made ready after the first estimate or while none is asked for.
 
         Raises SolveError as `Estimator` does, and SoftfuseError when the first chart cannot be read.
         """
@@ -53,8 +56,9 @@ class ReducedEstimator:
         self._small = Estimator(atlas.chart(0).device, limits, places, settings)
         self.compile_s = self._small.compile_s
         self._ready: dict[int, Ready | None] = {}
-        aside = ThreadPoolExecutor(1)
-        # Nobody waits for these before they are needed.
+        aside, self._begun = ThreadPoolExecutor(1), Event()
+        # Nobody waits for these before they are needed, and the first estimate has both cores to itself.
+        aside.submit(self._begun.wait, _NOTHING_PRESSED_S)
         self._full: Future[Estimator] = aside.submit(Estimator, atlas.full, limits, places, settings)
         self._stiffness: Future[RestStiffness] = aside.submit(rest_stiffness, atlas.full.body)
         for number in range(len(atlas.regions)):
@@ -104,7 +108,10 @@ class ReducedEstimator:
                 before = self._small.state
                 found = self._small.update(near, limits)
         if found is None or found.lost or self._doubted(found):
+            self._begun.set()
             found = self._corrected(before or self._small.state, seen, limits)
+        elif pressed.any():
+            self._begun.set()
         return replace(found, latency_s=time.perf_counter() - started)
 
     def _pressed(self, limits: Limits, contacts: int) -> Bool[np.ndarray, " c"]:

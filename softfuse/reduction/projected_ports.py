@@ -20,7 +20,7 @@ from softfuse.equilibrium.points import AbstractGuides
 from softfuse.equilibrium.punch import Punch, PunchContact
 from softfuse.equilibrium.volume import VolumePorts
 from softfuse.errors import SolveError
-from softfuse.functional.contact import Contact, SeenFaces
+from softfuse.functional.contact import Contact, ContactSurface, SeenFaces
 from softfuse.reduction.basis import Basis
 from softfuse.reduction.chart import Chart
 from softfuse.reduction.projected_volume import ProjectedVolumes, projected_volumes
@@ -136,11 +136,16 @@ class ProjectedDiscs(AbstractContact):
 
 def projected_discs(contact: PunchContact, small: ReducedBody) -> ProjectedDiscs:
     """Discs on a reduced body."""
-    surface = contact.disc.surface
-    faces = small.seen[surface.faces]
-    along = jnp.einsum("wim,i->mw", small.seen_shapes, surface.direction.astype(small.seen_shapes.dtype))
+    faces, seen, slopes = _seen_by_discs(contact.disc.surface, small)
     disc = eqx.tree_at(lambda disc: disc.surface.faces, contact.disc, faces)
-    return ProjectedDiscs(disc, surface.seen(small.rest), along, small.n)
+    return ProjectedDiscs(disc, seen, slopes, small.n)
+
+
+@eqx.filter_jit
+def _seen_by_discs(surface: ContactSurface, small: ReducedBody) -> tuple[Array, SeenFaces, Array]:
+    # One program, as a dozen small ones would take a second to compile.
+    along = jnp.einsum("wim,i->mw", small.seen_shapes, surface.direction.astype(small.seen_shapes.dtype))
+    return small.seen[surface.faces], surface.seen(small.rest), along
 
 
 def projected_patches(contact: PatchContact, body: Body, basis: Basis) -> ProjectedPatches:
