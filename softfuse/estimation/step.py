@@ -16,7 +16,8 @@ then z = z₀ + t Δu. Where a contact's place is its forces' (`Limits.place`), 
 each joins the sum, a_i the forces' arms about the middle and F the contact's force before the step. ε damps
 the step and leaves no bias once the steps have converged. The factor of K may belong to an older tangent:
 refinements with the tangent's own action make up for it, and their first contraction is returned so that the
-caller knows when a new factor pays. A second refinement is made only where the first did not come close.
+caller knows when a new factor pays. A second refinement is made only where the first did not come close, and
+z₀ is refined only where its error would be felt.
 """
 
 from collections.abc import Callable
@@ -26,7 +27,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Bool, Float, PyTree
 
 from softfuse.equilibrium.interface import slopes
 from softfuse.equilibrium.linear_solver import Solve
@@ -40,6 +41,9 @@ from softfuse.estimation.limits import Limits
 
 _CLOSE = 0.15
 """A first refinement that is smaller than this part of the solution leaves an error of its square."""
+
+_UNFELT = 1e-4
+"""An error of the correction that is smaller than this part of the state is left to the next step."""
 
 _LEAST_FORCE_N = 0.05
 """A contact's force below which its place is held as if it were that large."""
@@ -112,9 +116,15 @@ class _Solved(NamedTuple):
     contraction: Float[Array, ""]
 
 
-def _refined(solved: _Solved, improve: Callable, motion: Callable, refinements: int) -> _Solved:
-    """So many refinements by `improve`, (dz, dx) ↦ (ddz, ddx), after the first only where that was not
-    close; `motion` of unknowns is what norms are taken of.
+def _refined(
+    solved: tuple[Float[Array, "n j"], Float[Array, "r j"]],
+    improve: Callable,
+    motion: Callable,
+    refinements: int,
+    wanted: Bool[Array | np.ndarray, ""] = np.True_,
+) -> _Solved:
+    """Up to so many refinements by `improve`, (dz, dx) ↦ (ddz, ddx): the first where it is `wanted`, others
+    only where that was not close; `motion` of unknowns is what norms are taken of.
     """
 
     def refine(at: _Solved, first: Array) -> _Solved:
@@ -125,11 +135,11 @@ def _refined(solved: _Solved, improve: Callable, motion: Callable, refinements: 
 
     def next_one(at: _Solved, first: Array) -> tuple[_Solved, None]:
         # Not `>=`: a contraction that is no number goes on, and stays none.
-        close = ~first & (at.contraction < _CLOSE)
+        close = jnp.where(first, ~wanted, at.contraction < _CLOSE)
         return jax.lax.cond(close, lambda at, _: at, refine, at, first), None
 
     # A loop, so that the solve, the largest part of the step's program, is compiled once for all of them.
-    return jax.lax.scan(next_one, solved, jnp.arange(refinements) == 0)[0]
+    return jax.lax.scan(next_one, _Solved(*solved, jnp.zeros(())), jnp.arange(refinements) == 0)[0]
 
 
 def advance(
@@ -153,22 +163,29 @@ def advance(
     slope = slopes(held, x, y, state.drive)
     system = coupled(loads, linear, slope)
     pushed = system.pushed
-    # First column: the correction at unchanged drives. Others: the sensitivity to each drive, which moves the
-    # body through the laws only. What it does alone is known from its linearisation.
     at = State(state.z, settled.force, settled.internal, state.drive)
-    unsettled = linear.unbalanced - pushed @ (settled.force - linear.force)
-    load = jnp.zeros((body.n, 1 + drives)).at[:, 0].set(-unsettled)
-    alone = jnp.zeros((body.n, 1 + drives)).at[:, 0].set(linear.step(settled.force))
-    missing = held.equations(*x, y, state.drive) + slope.y @ (held.at - y)
-    law = -jnp.concatenate([missing[:, None], slope.drive], axis=1)
     stiffness = stiffness_map(body, loads, at)
 
-    def improve(dz, dx):
-        left = load + pushed @ dx[:q] - stiffness(dz)
-        return system.respond(inverse(left), law - slope.x @ dx - slope.y @ (linear.rows.T @ dz))
+    def improving(load, law):
+        def improve(dz, dx):
+            left = load + pushed @ dx[:q] - stiffness(dz)
+            return system.respond(inverse(left), law - slope.x @ dx - slope.y @ (linear.rows.T @ dz))
 
-    first = _Solved(*system.respond(alone, law), jnp.zeros(()))
-    dz, dx, contraction = _refined(first, improve, body.motion, refinements)
+        return improve
+
+    # A drive moves the body through the laws only.
+    law = -slope.drive
+    turned = system.respond(jnp.zeros((body.n, drives)), law)
+    turned = _refined(turned, improving(0.0, law), body.motion, refinements)
+    # The correction at unchanged drives. What the body does alone is known from its linearisation.
+    load = pushed @ (settled.force - linear.force) - linear.unbalanced
+    law = -(held.equations(*x, y, state.drive) + slope.y @ (held.at - y))[:, None]
+    mended = system.respond(linear.step(settled.force)[:, None], law)
+    moved, size = (jnp.linalg.norm(body.motion(each)) for each in (mended[0], state.z))
+    felt = ~(turned.contraction * moved <= _UNFELT * size)
+    mended = _refined(mended, improving(load[:, None], law), body.motion, refinements, felt)
+    contraction = jnp.maximum(turned.contraction, mended.contraction)
+    dz, dx = (jnp.concatenate(each, axis=1) for each in zip(mended[:2], turned[:2], strict=True))
     dx = dx.at[:q].add(-loads.supports[:, None] * (pushed.T @ dz))  # what the springs carried
     settled_at = _moved(at, dz[:, 0], dx[:, 0])
     along = jax.vmap(lambda z, x: State(z, x[:q], x[q:], jnp.zeros(drives)), 1)(dz[:, 1:], dx[:, 1:])
