@@ -3,12 +3,12 @@
     .venv/bin/python benchmarks/reduced_finger.py [--electrode NUMBER] [--cases N] [--frames N]
 
 The chart of one electrode is taught and kept in --out. Random pushes there while the cable pulls, up to the
-`force` and the `tension` of `[reduction]`, are solved with the full body and with the chart: the distances by
-which nodes are off, beside the furthest way of a node, and shortenings and pressures. Then the finger goes
-from load to load, two seconds each at a thousand frames a second, by the readings of the full body there and,
-between, those of the chart with what these were off by: each frame is estimated, and the shape of all nodes
-found. Pin it to a core, `NPROC=1 taskset -c 0`, to see what one core does. Printed, and written to
-reduced_finger.json.
+force that `travel` allows and the `tension` of `[reduction]`, are solved with the full body and with the
+chart: the distances by which nodes are off, beside the furthest way of a node, and shortenings and pressures.
+Then the finger goes from load to load, two seconds each at a thousand frames a second, by the readings of the
+full body there and, between, those of the chart with what these were off by: each frame is estimated, and the
+shape of all nodes found. Pin it to a core, `NPROC=1 taskset -c 0`, to see what one core does. Printed, and
+written to reduced_finger.json.
 """
 
 import argparse
@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from live_frames import compilations, latencies, to_and_fro
 
+from softfuse.body.body import Body
 from softfuse.cli.computing import prepare_jax
 from softfuse.config import load
 from softfuse.config.build_device import build_device, build_limits, build_step_settings
@@ -40,28 +41,29 @@ SIGMA_M, SIGMA_PA = 5e-5, 10.0
 CONFIG = Path(__file__).parents[1] / "configs" / "finger.toml"
 
 
-def taught(config: DeviceConfig, device: Device, electrode: int, folder: Path) -> tuple[Kept, float]:
+def taught(teacher: Teacher, electrode: int, folder: Path) -> tuple[Kept, float]:
     """The chart of an electrode, read from a folder where it is made if it is not there; and the seconds that
     took.
     """
-    charts, began = AtlasFolder(folder, reduction_mark(config)), time.perf_counter()
+    device = teacher.device
+    charts, began = AtlasFolder(folder, reduction_mark(teacher.config)), time.perf_counter()
     if not charts.has(electrode):
-        stiffness = rest_stiffness(device.body)
-        chart = Teacher(config, device, stiffness, build_regions(config)).chart(electrode)
-        charts.write(electrode, reduced_device(device, stiffness, chart), chart.basis)
+        chart = teacher.chart(electrode)
+        charts.write(electrode, reduced_device(device, teacher.stiffness, chart), chart.basis)
     taken = time.perf_counter() - began
     file = charts.file(electrode)
     return read_device(file, charts.mark, device, kept_sizes(file, charts.mark)), taken
 
 
-def drives(config: DeviceConfig, device: Device, cases: int, place: jax.Array) -> np.ndarray:
+def drives(teacher: Teacher, electrode: int, cases: int) -> np.ndarray:
     """Random drives (c, D) of all patches and the cable."""
-    random, patches = np.random.default_rng(11), device.contact.drives
-    assert config.reduction.force is not None and config.reduction.tension is not None
-    found = np.tile(np.asarray(device.rest_state(place).drive), (cases, 1))
+    random, device, tension = np.random.default_rng(11), teacher.device, teacher.config.reduction.tension
+    patches = device.contact.drives
+    assert tension is not None
+    found = np.tile(np.asarray(device.rest_state(jnp.array([electrode])).drive), (cases, 1))
     share = random.dirichlet(np.ones(patches), cases)
-    found[:, :patches] = share * random.uniform(0, config.reduction.force, (cases, 1))
-    found[:, patches] = random.uniform(0, config.reduction.tension, cases)
+    found[:, :patches] = share * random.uniform(0, teacher.largest_force(electrode), (cases, 1))
+    found[:, patches] = random.uniform(0, tension, cases)
     return found
 
 
@@ -151,14 +153,17 @@ def main() -> None:
     given = parser.parse_args()
     config = load(CONFIG)
     device, place = build_device(config), jnp.array([given.electrode])
-    kept, taken = taught(config, device, given.electrode, given.out / "finger_charts")
-    wanted = drives(config, device, given.cases, place)
+    assert isinstance(device.body, Body)
+    teacher = Teacher(config, device, rest_stiffness(device.body), build_regions(config))
+    kept, taken = taught(teacher, given.electrode, given.out / "finger_charts")
+    wanted = drives(teacher, given.electrode, given.cases)
     # Charts are kept in single precision, which is enough for estimates.
     small = jax.tree.map(lambda x: x.astype(float) if x.dtype == jnp.float32 else x, kept.device)
     missed, readings = errors(device, small, place, wanted)
     through = way(small, place, wanted, readings)
     row = {
         "taught_s": taken,
+        "largest_force_N": teacher.largest_force(given.electrode),
         "full_unknowns": device.body.n,
         "reduced_unknowns": kept.device.body.n,
         "points": [len(each.volumes) for each in kept.device.body.sample],

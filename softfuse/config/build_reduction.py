@@ -16,7 +16,7 @@ from softfuse.config.digest import digest
 from softfuse.equilibrium.punch import PunchContact
 from softfuse.errors import ConfigError
 from softfuse.estimation.atlas import Atlas, AtlasFolder
-from softfuse.estimation.device import Device
+from softfuse.estimation.device import Device, simulate
 from softfuse.reduction.cells import AbstractRegions, Cells, Electrodes
 from softfuse.reduction.chart import Chart
 from softfuse.reduction.load_paths import LoadPath, presses, pushes
@@ -27,6 +27,9 @@ from softfuse.reduction.teaching import ChartSettings, teach
 
 _REVISION = 6
 """To be raised when other charts come of the same settings."""
+
+_LIGHT = 1e-2
+"""Of the largest force: so little that a body answers to it as at rest."""
 
 
 def build_regions(config: DeviceConfig) -> AbstractRegions:
@@ -89,11 +92,24 @@ class Teacher:
             settings=ChartSettings(given.displacements, given.pressures, given.sampling, given.points),
         )
 
+    def largest_force(self, number: int) -> float:
+        """The largest force [N] of a contact that a region's chart is good for."""
+        contact, travel = self.config.contact, self.config.reduction.travel
+        assert contact is not None
+        if travel is None:
+            return contact.max_force
+        middle = self.regions[number].centre if isinstance(self.regions, Cells) else number
+        place, drives = jnp.asarray(middle)[None], self.device.contact.drives
+        force = _LIGHT * contact.max_force
+        drive = self.device.rest_state(place).drive.at[:drives].set(force / drives)
+        z = simulate(self.device, place, drive).state.z
+        moved = float(jnp.max(jnp.linalg.norm(self.device.body.displacement(z), axis=1)))
+        return min(contact.max_force, travel * force / moved)
+
     def _lesson(self, number: int) -> tuple[list[LoadPath], list[Array]]:
         """The load paths in a region, and places (1, ...) all over it."""
-        given, contact = self.config.reduction, self.config.contact
-        assert contact is not None
-        force = min(contact.max_force, given.force or np.inf)
+        given = self.config.reduction
+        force = self.largest_force(number)
         if isinstance(self.regions, Cells):
             cell = self.regions[number]
             paths = presses(cell, force, side=given.side, levels=given.levels, near=given.near)

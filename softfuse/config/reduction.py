@@ -10,8 +10,9 @@ class ReductionSettings(Settings):
 
     displacements, pressures: numbers of modes; sampling: the part of a state that may be missed because
     energy is measured at points, at most `points` of them; side: presses are followed at side x side places
-    of a cell, each through `levels` up to the largest force, with so many others `near` each; force and
-    tension in N: up to which charts are good, None: up to the largest of the contact and of the cables.
+    of a cell, each through `levels` up to the largest force, with so many others `near` each; travel in m:
+    charts are good for contacts that push no node further, by the compliance at rest; tension in N: and for
+    cables that pull no harder; None: for all that the config's contact and cables may do.
     """
 
     cell: PositiveLength = 5e-3
@@ -22,5 +23,5 @@ class ReductionSettings(Settings):
     side: PositiveInteger = 3
     levels: PositiveInteger = 4
     near: PositiveInteger = 10
-    force: PositiveForce | None = None
+    travel: PositiveLength | None = None
     tension: PositiveForce | None = None

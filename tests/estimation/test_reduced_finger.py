@@ -18,11 +18,12 @@ from softfuse.estimation.reduced_device import reduced_device
 from softfuse.reduction.rest_stiffness import rest_stiffness
 
 CHANGES = (
-    ("sampling = 0.0003 ", "sampling = 0.0005\nlevels = 2\nnear = 4 "),
-    ('force = "2 N" ', 'force = "1.5 N" '),
+    ("sampling = 0.0001 ", "sampling = 0.0005\nlevels = 2\nnear = 4 "),
+    ('travel = "50 mm"', 'travel = "30 mm"'),
     ('tension = "4 N"', 'tension = "3 N"'),
 )
 PLACE = jnp.array([7])
+ELECTRODES = ("base left", "upper left", "tip left")
 
 
 @pytest.mark.slow
@@ -32,7 +33,9 @@ def test_what_was_not_taught_is_that_of_the_full_finger(linear_finger: Callable[
     device, regions = build_device(config), build_regions(config)
     assert isinstance(device.body, Body) and len(regions) == len(config.electrodes)
     stiffness = rest_stiffness(device.body)
-    chart = Teacher(config, device, stiffness, regions).chart(int(PLACE[0]))
+    teacher = Teacher(config, device, stiffness, regions)
+    assert teacher.largest_force(int(PLACE[0])) >= 1.0
+    chart = teacher.chart(int(PLACE[0]))
     assert (
         not chart.sampling.beyond_rest and len(chart.sampling.cubature.parts) < device.body.volumes.size / 2
     )
@@ -49,3 +52,18 @@ def test_what_was_not_taught_is_that_of_the_full_finger(linear_finger: Callable[
         nearly_cable, *nearly_pressures = np.asarray(small.reading(found.state))
         assert abs(nearly_cable - cable) < 0.02 * abs(cable)
         np.testing.assert_allclose(nearly_pressures, pressures, atol=0.05 * np.ptp(pressures))
+
+
+def test_charts_are_good_for_pushes_that_move_the_finger_so_far(linear_finger: Callable[..., Path]) -> None:
+    config = load(linear_finger(('travel = "50 mm"', 'travel = "1 mm"')))
+    device = build_device(config)
+    assert isinstance(device.body, Body) and config.contact is not None
+    teacher = Teacher(config, device, rest_stiffness(device.body), build_regions(config))
+    names = [electrode.name for electrode in config.electrodes]
+    numbers = [names.index(name) for name in ELECTRODES]
+    base, middle, tip = map(teacher.largest_force, numbers)
+    assert 0 < tip < middle < base <= config.contact.max_force
+    place = jnp.array(numbers[-1:])
+    drive = device.rest_state(place).drive.at[:2].set(tip / 2)
+    moved = device.body.displacement(simulate(device, place, drive).state.z)
+    assert 1e3 * float(jnp.max(jnp.linalg.norm(moved, axis=1))) == pytest.approx(1.0, rel=0.01)
