@@ -125,29 +125,29 @@ class LiveStep:
         """
         arrays, static = _split(device)
         self._static, self.places = static, places
-        self._rest = lowered(_rest, static, arrays, places).compile()
-        rest = self._rest(arrays, places)
-        if limits.upper.shape != rest.drive.shape:
-            raise SolveError(
-                f"{limits.upper.shape[0]} limits for {rest.drive.shape[0]} drives: give one for each "
-                "contact, then for each attached load"
-            )
         started = time.perf_counter()
-        readings = jnp.zeros(device.readings)
-        self._frames = Packing.of((limits, Observation(readings, readings, places)))
-        self._reports = Packing.of(_report_like(device, rest))
-        begun = lowered(_begun, static, arrays, rest, places)
-        self._resisted = None
-        if static.linear.knows:
-            self._resisted = lowered(_resisted, static, arrays, rest).compile()
-        fixed = static, 0 if static.linear.knows else refinements, self._frames, self._reports
-        frame = self._frames.vectors
-        # XLA compiles one program on another thread while the other is traced and compiled on this one.
+        # XLA compiles the smaller programs on another thread while the step is traced on this one.
         with ThreadPoolExecutor(1) as aside:
-            first = aside.submit(begun.compile)
-            self._step = lowered(_stepped, fixed, arrays, begun.result, frame).compile()
-            self._begun = first.result()
-        self.first = self._ready(arrays, rest)
+            rest = lowered(_rest, static, arrays, places)
+            rests = aside.submit(rest.compile)
+            drive = rest.result.drive
+            if limits.upper.shape != drive.shape:
+                raise SolveError(
+                    f"{limits.upper.shape[0]} limits for {drive.shape[0]} drives: give one for each "
+                    "contact, then for each attached load"
+                )
+            readings = jnp.zeros(device.readings)
+            self._frames = Packing.of((limits, Observation(readings, readings, places)))
+            self._reports = Packing.of(_report_like(device, drive))
+            begun = lowered(_begun, static, arrays, rest.result, places)
+            begins, resists = aside.submit(begun.compile), None
+            if static.linear.knows:
+                resists = aside.submit(lowered(_resisted, static, arrays, rest.result).compile)
+            fixed = static, 0 if static.linear.knows else refinements, self._frames, self._reports
+            self._step = lowered(_stepped, fixed, arrays, begun.result, self._frames.vectors).compile()
+            self._rest, self._begun = rests.result(), begins.result()
+            self._resisted = resists and resists.result()
+        self.first = self._ready(arrays, self._rest(arrays, places))
         self.compile_s = time.perf_counter() - started
 
     def ready(self, device: Device) -> Ready:
@@ -193,9 +193,9 @@ def _split(device: Device) -> tuple[Device, Device]:
     return eqx.partition(rough, eqx.is_array)
 
 
-def _report_like(device: Device, rest: State) -> Stepped:
+def _report_like(device: Device, drive: jax.ShapeDtypeStruct) -> Stepped:
     """What `Stepped` is like, by shapes."""
-    k, drives = device.readings, rest.drive.shape[0]
+    k, drives = device.readings, drive.shape[0]
     number = jnp.zeros(())
     vector, matrix = jnp.zeros(k), jnp.zeros((k, drives))
-    return Stepped(rest.drive, StepReport(vector, matrix, *[number] * 6))
+    return Stepped(jnp.zeros(drives), StepReport(vector, matrix, *[number] * 6))

@@ -11,7 +11,8 @@ import logging
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from threading import Event
+from functools import cached_property
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -42,6 +43,13 @@ _NOTHING_PRESSED_S = 2.0
 """If no contact is estimated for so long, there is time to make ready what the first one can do without."""
 
 
+class _Aside(NamedTuple):
+    """What is made ready on a thread of its own, as nobody waits for it before it is needed."""
+
+    full: Future[Estimator]
+    stiffness: Future[RestStiffness]
+
+
 class ReducedEstimator:
     """Follows the state of a device with an atlas through observations; compiled when made."""
 
@@ -55,28 +63,45 @@ class ReducedEstimator:
         self.device, self.limits, self._atlas = atlas.full, limits, atlas
         self._small = Estimator(atlas.chart(0).device, limits, places, settings)
         self.compile_s = self._small.compile_s
+        self._places, self._settings = places, settings
         self._ready: dict[int, Ready | None] = {}
-        aside, self._begun = ThreadPoolExecutor(1), Event()
-        # Nobody waits for these before they are needed, and the first estimate has both cores to itself.
-        aside.submit(self._begun.wait, _NOTHING_PRESSED_S)
-        self._full: Future[Estimator] = aside.submit(Estimator, atlas.full, limits, places, settings)
-        self._stiffness: Future[RestStiffness] = aside.submit(rest_stiffness, atlas.full.body)
-        for number in range(len(atlas.regions)):
-            aside.submit(self._of, number)
-        aside.shutdown(wait=False)
         self._each = atlas.full.contact.drives
-        self.reset()
+        self._resting_since: float | None = None
+        self._forget()
+
+    @cached_property
+    def _aside(self) -> _Aside:
+        """The full body's estimator and stiffness, and then all charts: begun to be made when asked for."""
+        full, one = self._atlas.full, ThreadPoolExecutor(1)
+        assert isinstance(full.body, Body)
+        ready = one.submit(Estimator, full, self.limits, self._places, self._settings)
+        begun = _Aside(ready, one.submit(rest_stiffness, full.body))
+        for number in range(len(self._atlas.regions)):
+            one.submit(self._of, number)
+        one.shutdown(wait=False)
+        return begun
 
     def reset(self) -> None:
         """Forget the past: the body rests, nothing presses."""
+        self._forget()
+        self._rest_on()
+
+    def _forget(self) -> None:
         self._number: int | None = None
         self._on_full = False
+
+    def _rest_on(self) -> None:
+        """Nothing presses now; where that goes on, there is time for what the first estimate does without."""
+        now = time.perf_counter()
+        self._resting_since = self._resting_since or now
+        if now - self._resting_since > _NOTHING_PRESSED_S:
+            _ = self._aside
 
     @property
     def state(self) -> State:
         """The full body's state after the last frame."""
         if self._on_full:
-            return self._full.result().state
+            return self._aside.full.result().state
         if self._number is None:
             return self.device.rest_state(self._small.live.places)
         return self._whole(self._number, self._small.state)
@@ -108,10 +133,12 @@ class ReducedEstimator:
                 before = self._small.state
                 found = self._small.update(near, limits)
         if found is None or found.lost or self._doubted(found):
-            self._begun.set()
             found = self._corrected(before or self._small.state, seen, limits)
-        elif pressed.any():
-            self._begun.set()
+        if pressed.any():
+            # The first estimate had all cores to itself.
+            _ = self._aside
+        else:
+            self._rest_on()
         return replace(found, latency_s=time.perf_counter() - started)
 
     def _pressed(self, limits: Limits, contacts: int) -> Bool[np.ndarray, " c"]:
@@ -135,7 +162,7 @@ class ReducedEstimator:
         kept, state = self._atlas.chart(number), None
         if self._on_full:
             whole = self.state
-            z = kept.basis.amplitudes(np.asarray(whole.z), self._stiffness.result())
+            z = kept.basis.amplitudes(np.asarray(whole.z), self._aside.stiffness.result())
             if not self._near(number, z, np.asarray(whole.z)):
                 return False
             state = replace(whole, z=jax.device_put(z))
@@ -166,7 +193,7 @@ class ReducedEstimator:
         truncation = float(kept.device.body.truncation(z))
         if not (truncation <= most or self._told_by_last(kept, z) <= _BACK * _UNSEEN_M):
             return False
-        stiffness = self._stiffness.result()
+        stiffness = self._aside.stiffness.result()
         u = stiffness.n_displacements
         missed, moved = (whole - kept.basis.states(z))[:u], whole[:u]
         energies = [each @ (stiffness.displacement @ each) for each in (missed, moved)]
@@ -189,7 +216,7 @@ class ReducedEstimator:
 
     def _corrected(self, before: State, seen: Observation, limits: Limits) -> Estimate:
         """The full body's estimate, from the state that the reduced one, if any, had before."""
-        full = self._full.result()
+        full = self._aside.full.result()
         if not self._on_full:
             full.go_on(None if self._number is None else self._whole(self._number, before), seen.places)
             self._on_full = True

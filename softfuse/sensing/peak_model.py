@@ -197,6 +197,7 @@ def peak_shape(model: PeakModel) -> PeakShape:
         return _shape_of(model)
 
 
+@eqx.filter_jit
 def _shape_of(model: PeakModel) -> PeakShape:
     rows = line_points(model.row_y_m, model.column_x_m, model.row_rim_m)
     columns = line_points(model.column_x_m, model.row_y_m, model.column_rim_m)
