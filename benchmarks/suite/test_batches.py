@@ -11,20 +11,25 @@ from softfuse.estimation.batch import batched
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation, exact_steps
+from softfuse.reduction.cells import Cells
 from softfuse.reduction.rest_stiffness import rest_stiffness
 
 NODES = 2115
 AT_ONCE = {"reduced": 64, "full": 4}
 
 
+REGIONS = build_regions(pad(NODES).config)
+NUMBER = REGIONS.find(PLACES[0])
+assert isinstance(REGIONS, Cells) and NUMBER is not None
+CENTRE = REGIONS[NUMBER].centre
+
+
 @pytest.fixture(scope="module")
 def devices() -> dict[str, Device]:
-    """A pad, full and reduced around the first place."""
-    config, full = pad(NODES).config, pad(NODES).device
-    regions, stiffness = build_regions(config), rest_stiffness(full.body)
-    number = regions.find(PLACES[0])
-    assert number is not None
-    chart = Teacher(config, full, stiffness, regions).chart(number)
+    """A pad, full and reduced in the cell of the first place."""
+    full = pad(NODES).device
+    stiffness = rest_stiffness(full.body)
+    chart = Teacher(pad(NODES).config, full, stiffness, REGIONS).chart(NUMBER)
     return {"full": full, "reduced": reduced_device(full, stiffness, chart)}
 
 
@@ -44,14 +49,14 @@ def _read(device, at):
 @pytest.mark.parametrize("what", ["estimates", "equilibria"])
 def test_batch(benchmark, devices: dict[str, Device], body: str, count: int, what: str) -> None:
     device, random = devices[body], np.random.default_rng(3)
-    places = jnp.asarray(PLACES[0] + random.uniform(-1e-3, 1e-3, (count, 1, 3)) * [1.0, 1.0, 0.0])
+    places = jnp.asarray(CENTRE + random.uniform(-1e-3, 1e-3, (count, 1, 3)) * [1.0, 1.0, 0.0])
     forces = jnp.asarray(random.uniform(2.0, 6.0, (count, 1)))
     read = batched(_read, devices["reduced"], (places, forces))
     if what == "equilibria":
         function, shared, many = _read, device, (places, forces)
     else:
         # As live: from a state some newtons away, not from rest in one step.
-        before = simulate(device, jnp.asarray(PLACES[:1]), jnp.array([4.0])).state
+        before = simulate(device, jnp.asarray(CENTRE)[None], jnp.array([4.0])).state
         function, shared = _estimate, (device, pad(NODES).limits(), before)
         many = Observation(read, jnp.full(read.shape, 1e9), places)
 

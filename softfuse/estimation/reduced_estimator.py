@@ -72,13 +72,13 @@ class ReducedEstimator:
     @cached_property
     def _aside(self) -> _Aside:
         """The full body's estimator and stiffness, and then all charts: begun to be made when asked for."""
-        full, one = self._atlas.full, ThreadPoolExecutor(1)
+        full, thread = self._atlas.full, ThreadPoolExecutor(1)
         assert isinstance(full.body, Body)
-        ready = one.submit(Estimator, full, self.limits, self._places, self._settings)
-        begun = _Aside(ready, one.submit(rest_stiffness, full.body))
+        ready = thread.submit(Estimator, full, self.limits, self._places, self._settings)
+        begun = _Aside(ready, thread.submit(rest_stiffness, full.body))
         for number in range(len(self._atlas.regions)):
-            one.submit(self._of, number)
-        one.shutdown(wait=False)
+            thread.submit(self._of, number)
+        thread.shutdown(wait=False)
         return begun
 
     def reset(self) -> None:
