@@ -121,7 +121,7 @@ def _refined(
     improve: Callable,
     motion: Callable,
     refinements: int,
-    wanted: Bool[Array | np.ndarray, ""] = np.True_,
+    wanted: Bool[Array, ""] | bool = True,
 ) -> _Solved:
     """Up to so many refinements by `improve`, (dz, dx) ↦ (ddz, ddx): the first where it is `wanted`, others
     only where that was not close; `motion` of unknowns is what norms are taken of.
@@ -135,7 +135,7 @@ def _refined(
 
     def next_one(at: _Solved, first: Array) -> tuple[_Solved, None]:
         # Not `>=`: a contraction that is no number goes on, and stays none.
-        close = jnp.where(first, ~wanted, at.contraction < _CLOSE)
+        close = jnp.where(first, jnp.logical_not(wanted), at.contraction < _CLOSE)
         return jax.lax.cond(close, lambda at, _: at, refine, at, first), None
 
     # A loop, so that the solve, the largest part of the step's program, is compiled once for all of them.
