@@ -6,6 +6,8 @@ from contextlib import contextmanager
 import jax
 import numpy as np
 
+from softfuse.estimation.estimator import Estimator
+
 
 @contextmanager
 def compilations() -> Iterator[list[str]]:
@@ -21,6 +23,12 @@ def compilations() -> Iterator[list[str]]:
         yield found
     finally:
         jax.monitoring.clear_event_listeners()
+
+
+def wait_until_compiled(estimator: Estimator) -> None:
+    """As after some seconds of running."""
+    live = estimator.live
+    live.begin(live.first, live.first.rest.state, live.places)
 
 
 def latencies(taken: Sequence[tuple[float, float]]) -> dict[str, list[float]]:

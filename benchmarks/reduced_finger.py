@@ -19,7 +19,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import numpy as np
-from live_frames import compilations, latencies, to_and_fro
+from live_frames import compilations, latencies, to_and_fro, wait_until_compiled
 
 from softfuse.body.body import Body
 from softfuse.cli.computing import prepare_jax
@@ -55,14 +55,14 @@ def taught(teacher: Teacher, electrode: int, folder: Path) -> tuple[Kept, float]
     return read_device(file, charts.mark, device, kept_sizes(file, charts.mark)), taken
 
 
-def drives(teacher: Teacher, electrode: int, cases: int) -> np.ndarray:
-    """Random drives (c, D) of all patches and the cable."""
+def drives(teacher: Teacher, electrode: int, largest_force: float, cases: int) -> np.ndarray:
+    """Random drives (c, D) of all patches, up to a force [N] in all, and of the cable."""
     random, device, tension = np.random.default_rng(11), teacher.device, teacher.config.reduction.tension
     patches = device.contact.drives
     assert tension is not None
     found = np.tile(np.asarray(device.rest_state(jnp.array([electrode])).drive), (cases, 1))
     share = random.dirichlet(np.ones(patches), cases)
-    found[:, :patches] = share * random.uniform(0, teacher.largest_force(electrode), (cases, 1))
+    found[:, :patches] = share * random.uniform(0, largest_force, (cases, 1))
     found[:, patches] = random.uniform(0, tension, cases)
     return found
 
@@ -121,6 +121,7 @@ def frame_times(
     estimator = Estimator(kept.device, build_limits(config, 1), place, build_step_settings(config))
     weight = np.full(through.shape[1], 1 / SIGMA_PA)
     weight[0] = 1 / SIGMA_M
+    wait_until_compiled(estimator)
     taken, off, renewed, lost = [], [], 0, 0
     with compilations() as compiled:
         for k in to_and_fro(len(through), frames):
@@ -156,14 +157,15 @@ def main() -> None:
     assert isinstance(device.body, Body)
     teacher = Teacher(config, device, rest_stiffness(device.body), build_regions(config))
     kept, taken = taught(teacher, given.electrode, given.out / "finger_charts")
-    wanted = drives(teacher, given.electrode, given.cases)
+    largest_force = teacher.largest_force(given.electrode)
+    wanted = drives(teacher, given.electrode, largest_force, given.cases)
     # Charts are kept in single precision, which is enough for estimates.
     small = jax.tree.map(lambda x: x.astype(float) if x.dtype == jnp.float32 else x, kept.device)
     missed, readings = errors(device, small, place, wanted)
     through = way(small, place, wanted, readings)
     row = {
         "taught_s": taken,
-        "largest_force_N": teacher.largest_force(given.electrode),
+        "largest_force_N": largest_force,
         "full_unknowns": device.body.n,
         "reduced_unknowns": kept.device.body.n,
         "points": [len(each.volumes) for each in kept.device.body.sample],

@@ -102,8 +102,8 @@ def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int)
     path = [Observation.on_host(r, sigma, p[None]) for r, p in zip(readings, places, strict=True)]
     full, small = Estimator(device, limits, none), ReducedEstimator(atlas, limits, none)
     outside = np.append(np.array(cells.high) + APART_M, 0.0)
-    for place in (outside, *(cells[number].centre for number in range(len(cells)))):
-        # As after some seconds of running: the full body is ready, and all charts have been read.
+    for place in (*(cells[number].centre for number in range(len(cells))), outside):
+        # As after some seconds of running: all charts are read, and at last the full body is waited for.
         small.update(path[0]._replace(places=place[None]))
     small.reset()
     small.update(path[0])

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from live_frames import wait_until_compiled
 from suite_pads import CONFIGS, MESHES, PLACES, megabytes, pad, press, time_frames
 
 from softfuse.config import load
@@ -29,6 +30,7 @@ def _time_estimates(benchmark, device, limits, frames, settings=None, **said) ->
     estimator = Estimator(device, limits, jnp.asarray(frames[0].places), *([settings] if settings else []))
     for seen in frames[:3]:
         estimator.update(seen)
+    wait_until_compiled(estimator)
     estimator.reset()
     memory = megabytes(estimator.live.first.arrays, estimator.live.first.rest)
     time_frames(benchmark, estimator.update, frames, memory_MB=memory, compile_s=estimator.compile_s, **said)

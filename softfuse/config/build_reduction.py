@@ -14,7 +14,8 @@ from softfuse.config.contact import DiscSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.config.digest import digest
 from softfuse.equilibrium.punch import PunchContact
-from softfuse.errors import ConfigError
+from softfuse.equilibrium.solution import RESULTS
+from softfuse.errors import ConfigError, SolveError
 from softfuse.estimation.atlas import Atlas, AtlasFolder
 from softfuse.estimation.device import Device, simulate
 from softfuse.reduction.cells import AbstractRegions, Cells, Electrodes
@@ -78,7 +79,7 @@ class Teacher:
         return lambda body, places: replace(self.device, body=body).loads(places)
 
     def chart(self, number: int) -> Chart:
-        """The chart of a region; raises SolveError as `teach` does."""
+        """The chart of a region; raises SolveError as `teach` and `largest_force` do."""
         given = self.config.reduction
         assert isinstance(self.device.body, Body)
         paths, around = self._lesson(number)
@@ -93,7 +94,10 @@ class Teacher:
         )
 
     def largest_force(self, number: int) -> float:
-        """The largest force [N] of a contact that a region's chart is good for."""
+        """The largest force [N] of a contact that a region's chart is good for.
+
+        Raises SolveError when the body has no equilibrium under a hundredth of the contact's `max_force`.
+        """
         contact, travel = self.config.contact, self.config.reduction.travel
         assert contact is not None
         if travel is None:
@@ -102,8 +106,11 @@ class Teacher:
         place, drives = jnp.asarray(middle)[None], self.device.contact.drives
         force = _LIGHT * contact.max_force
         drive = self.device.rest_state(place).drive.at[:drives].set(force / drives)
-        z = simulate(self.device, place, drive).state.z
-        moved = float(jnp.max(jnp.linalg.norm(self.device.body.displacement(z), axis=1)))
+        found = simulate(self.device, place, drive)
+        if found.result != RESULTS.converged:
+            raise SolveError(f"region {number}: no equilibrium at {force:g} N: {RESULTS[found.result]}")
+        shape = self.device.body.displacement(found.state.z)
+        moved = float(jnp.max(jnp.linalg.norm(shape, axis=1)))
         return min(contact.max_force, travel * force / moved)
 
     def _lesson(self, number: int) -> tuple[list[LoadPath], list[Array]]:

@@ -39,6 +39,10 @@ class AbstractLinearSolver(eqx.Module):
         """Whether factors near most states of live steps are known, so that these refine nothing."""
         return False
 
+    def at_rest(self) -> PyTree[Array]:
+        """The factor at rest, of a solver that `knows`; raises TypeError for others."""
+        raise TypeError(f"{type(self).__name__} knows no factors")
+
     def near(
         self, factor: PyTree[Array], made_at: Float[Array, " n"], z: Float[Array, " n"]
     ) -> PyTree[Array]:

@@ -63,7 +63,9 @@ class Estimate:
 
 
 class Estimator:
-    """Follows the state of one device through observations; compiled when made."""
+    """Follows the state of one device through observations; compiled when made, but where inverses are known
+    what makes another one is compiled beside the frames that follow the first.
+    """
 
     def __init__(self, device: Device, limits: Limits, places: Array, settings: StepSettings = DEFAULT_STEPS):
         """Compile the step for as many contacts as there are `places` (c, ...), wherever they are.
@@ -119,6 +121,8 @@ class Estimator:
             # A factor that was just made would not get better by making it again.
             self._renew = bool(told.report.contraction > self.settings.refresh_contraction) and not fresh
             carried, renewed = after, renewed or fresh
+        # The first estimate had all cores to itself.
+        self.live.prepare_begin()
         assert told is not None
         report = told.report
         lost = not (

@@ -75,8 +75,11 @@ def _begun(static: Device, arrays: Device, state: State, places: Array) -> Carri
     return Carried(state, factor, state.z, device.body.residual(state.z))
 
 
-def _resisted(static: Device, arrays: Device, state: State) -> Array:
-    return eqx.combine(arrays, static).body.residual(state.z)
+def _known(static: Device, arrays: Device, state: State, places: Array) -> Carried:
+    del places
+    device = eqx.combine(arrays, static)
+    rest = jnp.zeros_like(state.z)
+    return Carried(state, device.linear.at_rest(), rest, device.body.residual(state.z))
 
 
 def _stepped(
@@ -139,14 +142,12 @@ class LiveStep:
             readings = jnp.zeros(device.readings)
             self._frames = Packing.of((limits, Observation(readings, readings, places)))
             self._reports = Packing.of(_report_like(device, drive))
-            begun = lowered(_begun, static, arrays, rest.result, places)
-            begins, resists = aside.submit(begun.compile), None
-            if static.linear.knows:
-                resists = aside.submit(lowered(_resisted, static, arrays, rest.result).compile)
+            on = lowered(_known if static.linear.knows else _begun, static, arrays, rest.result, places)
+            goes_on = aside.submit(on.compile)
             fixed = static, 0 if static.linear.knows else refinements, self._frames, self._reports
-            self._step = lowered(_stepped, fixed, arrays, begun.result, self._frames.vectors).compile()
-            self._rest, self._begun = rests.result(), begins.result()
-            self._resisted = resists and resists.result()
+            self._step = lowered(_stepped, fixed, arrays, on.result, self._frames.vectors).compile()
+            self._rest, self._on = rests.result(), goes_on.result()
+        self._begun = None if static.linear.knows else goes_on
         self.first = self._ready(arrays, self._rest(arrays, places))
         self.compile_s = time.perf_counter() - started
 
@@ -160,15 +161,25 @@ class LiveStep:
             raise SolveError("a device of another structure needs an estimator of its own")
         return self._ready(arrays, self._rest(arrays, self.places))
 
+    def prepare_begin(self) -> None:
+        """Compile, on a thread of its own, what `begin` needs, if that is not done: where factors are known,
+        the first steps need no new one.
+        """
+        if self._begun is None:
+            given = self.first.arrays, self.first.rest.state, self.places
+            thread = ThreadPoolExecutor(1)
+            self._begun = thread.submit(lambda: lowered(_begun, self._static, *given).compile())
+            thread.shutdown(wait=False)
+
     def begin(self, ready: Ready, state: State, places: Array) -> Carried:
         """What is carried from a state on, under contacts at `places` (c, ...), with a new factor."""
-        return self._begun(ready.arrays, state, places)
+        self.prepare_begin()
+        assert self._begun is not None
+        return self._begun.result()(ready.arrays, state, places)
 
     def go_on(self, ready: Ready, state: State, places: Array) -> Carried:
         """What is carried from a state on; no factor is made where such are known."""
-        if self._resisted is None:
-            return self.begin(ready, state, places)
-        return ready.rest._replace(state=state, resistance=self._resisted(ready.arrays, state))
+        return self._on(ready.arrays, state, places)
 
     def step(
         self, ready: Ready, carried: Carried, limits: Limits, seen: Observation
@@ -179,7 +190,7 @@ class LiveStep:
         return carried._replace(state=after.state, resistance=after.resistance), told
 
     def _ready(self, arrays: Device, rest: State) -> Ready:
-        carried = self._begun(arrays, rest, self.places)
+        carried = self._on(arrays, rest, self.places)
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(carried.factor)):
             raise SolveError(
                 "the body's stiffness at rest is singular: fix more nodes, or mend materials and mesh"

@@ -11,7 +11,6 @@ import logging
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from functools import cached_property
 from typing import NamedTuple
 
 import jax
@@ -65,21 +64,24 @@ class ReducedEstimator:
         self.compile_s = self._small.compile_s
         self._places, self._settings = places, settings
         self._ready: dict[int, Ready | None] = {}
+        self._aside: _Aside | None = None
         self._each = atlas.full.contact.drives
         self._resting_since: float | None = None
         self._forget()
 
-    @cached_property
-    def _aside(self) -> _Aside:
-        """The full body's estimator and stiffness, and then all charts: begun to be made when asked for."""
-        full, thread = self._atlas.full, ThreadPoolExecutor(1)
-        assert isinstance(full.body, Body)
-        ready = thread.submit(Estimator, full, self.limits, self._places, self._settings)
-        begun = _Aside(ready, thread.submit(rest_stiffness, full.body))
-        for number in range(len(self._atlas.regions)):
-            thread.submit(self._of, number)
-        thread.shutdown(wait=False)
-        return begun
+    def _prepare(self) -> _Aside:
+        """Begin to make ready, if that has not begun, the full body's estimator and stiffness and then all
+        charts.
+        """
+        if self._aside is None:
+            full, thread = self._atlas.full, ThreadPoolExecutor(1)
+            assert isinstance(full.body, Body)
+            ready = thread.submit(Estimator, full, self.limits, self._places, self._settings)
+            self._aside = _Aside(ready, thread.submit(rest_stiffness, full.body))
+            for number in range(len(self._atlas.regions)):
+                thread.submit(self._of, number)
+            thread.shutdown(wait=False)
+        return self._aside
 
     def reset(self) -> None:
         """Forget the past: the body rests, nothing presses."""
@@ -95,13 +97,13 @@ class ReducedEstimator:
         now = time.perf_counter()
         self._resting_since = self._resting_since or now
         if now - self._resting_since > _NOTHING_PRESSED_S:
-            _ = self._aside
+            self._prepare()
 
     @property
     def state(self) -> State:
         """The full body's state after the last frame."""
         if self._on_full:
-            return self._aside.full.result().state
+            return self._prepare().full.result().state
         if self._number is None:
             return self.device.rest_state(self._small.live.places)
         return self._whole(self._number, self._small.state)
@@ -136,7 +138,7 @@ class ReducedEstimator:
             found = self._corrected(before or self._small.state, seen, limits)
         if pressed.any():
             # The first estimate had all cores to itself.
-            _ = self._aside
+            self._prepare()
         else:
             self._rest_on()
         return replace(found, latency_s=time.perf_counter() - started)
@@ -162,7 +164,7 @@ class ReducedEstimator:
         kept, state = self._atlas.chart(number), None
         if self._on_full:
             whole = self.state
-            z = kept.basis.amplitudes(np.asarray(whole.z), self._aside.stiffness.result())
+            z = kept.basis.amplitudes(np.asarray(whole.z), self._prepare().stiffness.result())
             if not self._near(number, z, np.asarray(whole.z)):
                 return False
             state = replace(whole, z=jax.device_put(z))
@@ -193,7 +195,7 @@ class ReducedEstimator:
         truncation = float(kept.device.body.truncation(z))
         if not (truncation <= most or self._told_by_last(kept, z) <= _BACK * _UNSEEN_M):
             return False
-        stiffness = self._aside.stiffness.result()
+        stiffness = self._prepare().stiffness.result()
         u = stiffness.n_displacements
         missed, moved = (whole - kept.basis.states(z))[:u], whole[:u]
         energies = [each @ (stiffness.displacement @ each) for each in (missed, moved)]
@@ -216,7 +218,7 @@ class ReducedEstimator:
 
     def _corrected(self, before: State, seen: Observation, limits: Limits) -> Estimate:
         """The full body's estimate, from the state that the reduced one, if any, had before."""
-        full = self._aside.full.result()
+        full = self._prepare().full.result()
         if not self._on_full:
             full.go_on(None if self._number is None else self._whole(self._number, before), seen.places)
             self._on_full = True

@@ -173,17 +173,17 @@ def advance(
 
         return improve
 
-    # A drive moves the body through the laws only.
-    law = -slope.drive
-    turned = system.respond(jnp.zeros((body.n, drives)), law)
-    turned = _refined(turned, improving(0.0, law), body.motion, refinements)
-    # The correction at unchanged drives. What the body does alone is known from its linearisation.
+    # The correction at unchanged drives, of which the body's part is known, and the sensitivity to drives,
+    # which move the body through the laws only.
     load = pushed @ (settled.force - linear.force) - linear.unbalanced
-    law = -(held.equations(*x, y, state.drive) + slope.y @ (held.at - y))[:, None]
-    mended = system.respond(linear.step(settled.force)[:, None], law)
-    moved, size = (jnp.linalg.norm(body.motion(each)) for each in (mended[0], state.z))
+    unmet = -(held.equations(*x, y, state.drive) + slope.y @ (held.at - y))[:, None]
+    alone = jnp.zeros((body.n, 1 + drives)).at[:, 0].set(linear.step(settled.force))
+    dz, dx = system.respond(alone, jnp.concatenate([unmet, -slope.drive], axis=1))
+    turned = _refined((dz[:, 1:], dx[:, 1:]), improving(0.0, -slope.drive), body.motion, refinements)
+    moved, size = (jnp.linalg.norm(body.motion(each)) for each in (dz[:, :1], state.z))
     felt = ~(turned.contraction * moved <= _UNFELT * size)
-    mended = _refined(mended, improving(load[:, None], law), body.motion, refinements, felt)
+    mending = improving(load[:, None], unmet)
+    mended = _refined((dz[:, :1], dx[:, :1]), mending, body.motion, refinements, felt)
     contraction = jnp.maximum(turned.contraction, mended.contraction)
     dz, dx = (jnp.concatenate(each, axis=1) for each in zip(mended[:2], turned[:2], strict=True))
     dx = dx.at[:q].add(-loads.supports[:, None] * (pushed.T @ dz))  # what the springs carried

@@ -52,6 +52,10 @@ class KnownInverses(AbstractLinearSolver):
         """That is what it is for."""
         return True
 
+    def at_rest(self) -> Float[Array, "n n"]:
+        """The inverse (n, n) there, which is the first."""
+        return self.inverses[0]
+
     def near(
         self, factor: Float[Array, "n n"], made_at: Float[Array, " n"], z: Float[Array, " n"]
     ) -> Float[Array, "n n"]:
