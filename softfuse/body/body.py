@@ -103,7 +103,7 @@ class Body(AbstractBody):
         rest = jnp.asarray(mesh.nodes)
         # One program: as single operations each would be compiled for itself.
         body_frames, volumes = jax.jit(frames, static_argnums=0)(element, mesh.nodes[tets])
-        worst = np.unravel_index(int(np.argmin(volumes)), volumes.shape)
+        worst = np.unravel_index(int(np.argmin(np.asarray(volumes))), volumes.shape)
         if not float(volumes[worst]) > 0:
             raise MeshError(
                 f"tet {order[worst[1]]} is turned inside out at a quadrature point: "

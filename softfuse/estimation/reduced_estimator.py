@@ -105,7 +105,8 @@ class ReducedEstimator:
         if self._on_full:
             return self._prepare().full.result().state
         if self._number is None:
-            return self.device.rest_state(self._small.live.places)
+            rest = self._small.live.first.rest.state
+            return replace(rest, z=jax.device_put(np.zeros(self.device.body.n)))
         return self._whole(self._number, self._small.state)
 
     def displacement(self) -> Float[np.ndarray, "k 3"]:

@@ -48,8 +48,8 @@ class AbstractMaterial(eqx.Module):
 
 def lame_constants(young: float, poisson: float) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Lamé's λ and μ [Pa] of Young's modulus [Pa] and Poisson's ratio [-]."""
-    e, nu = jnp.asarray(young, float), jnp.asarray(poisson, float)
-    return e * nu / ((1 + nu) * (1 - 2 * nu)), e / (2 * (1 + nu))
+    lame = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+    return constant(lame), constant(young / (2 * (1 + poisson)))
 
 
 def constant(value: ArrayLike | Sequence[float]) -> Array:

@@ -160,6 +160,11 @@ def test_the_file_of_another_program_is_not_taken_for_it(folder):
     np.testing.assert_allclose(found, lame_constants(0.3e6, POISSON), rtol=1e-12)
 
 
+def test_another_xla_that_does_not_know_the_options_compiles_without_them(monkeypatch):
+    monkeypatch.setattr(kept_programs, "_OPTIONS", {"xla_no_such_option": True})
+    assert float(lowered(lambda fixed, x: fixed * x, 3.0, jnp.ones(())).compile()(jnp.ones(()))) == 3.0
+
+
 @pytest.mark.slow
 def test_what_calls_another_library_is_traced_at_every_start(plain_device, one, folder, traced):
     device = replace(plain_device, linear=SparseLU.plan(plain_device.body))
