@@ -30,8 +30,8 @@ log = logging.getLogger(__name__)
 
 _LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "jaxopt", "lineax", "optimistix")
 """Whose code takes part in tracing."""
-_OPTIONS: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
-"""XLA's older way of fusing loops compiles in half to three quarters of the time, to no slower programs."""
+_QUICKLY: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
+"""XLA's older way of fusing loops; a full body's step and the senses are no slower for it."""
 _HASH = hashlib.sha256().digest_size
 
 
@@ -43,10 +43,12 @@ class Lowered:
     given: Any
     result: Any
 
-    def compile(self) -> "Program":
-        """The program as machine code."""
+    def compile(self, *, quickly: bool = True) -> "Program":
+        """The program as machine code; made `quickly`, in half to three quarters of the time, one of many
+        small operations is a fifth slower.
+        """
         try:
-            compiled = self.program.compile(_OPTIONS)
+            compiled = self.program.compile(_QUICKLY if quickly else None)
         except jax.errors.JaxRuntimeError:  # another XLA may have other options
             compiled = self.program.compile()
         return Program(compiled, self.given, self.result)

@@ -145,7 +145,8 @@ class LiveStep:
             on = lowered(_known if static.linear.knows else _begun, static, arrays, rest.result, places)
             goes_on = aside.submit(on.compile)
             fixed = static, 0 if static.linear.knows else refinements, self._frames, self._reports
-            self._step = lowered(_stepped, fixed, arrays, on.result, self._frames.vectors).compile()
+            step = lowered(_stepped, fixed, arrays, on.result, self._frames.vectors)
+            self._step = step.compile(quickly=not static.linear.knows)
             self._rest, self._on = rests.result(), goes_on.result()
         self._begun = None if static.linear.knows else goes_on
         self.first = self._ready(arrays, self._rest(arrays, places))

@@ -161,7 +161,7 @@ def test_the_file_of_another_program_is_not_taken_for_it(folder):
 
 
 def test_another_xla_that_does_not_know_the_options_compiles_without_them(monkeypatch):
-    monkeypatch.setattr(kept_programs, "_OPTIONS", {"xla_no_such_option": True})
+    monkeypatch.setattr(kept_programs, "_QUICKLY", {"xla_no_such_option": True})
     assert float(lowered(lambda fixed, x: fixed * x, 3.0, jnp.ones(())).compile()(jnp.ones(()))) == 3.0
 
 
