@@ -6,11 +6,18 @@ from typing import Annotated, Literal
 
 import jax.numpy as jnp
 import numpy as np
+from annotated_types import Ge
 from jaxtyping import Float, Int
 from pydantic import Field
 
 from softfuse.config.attached import ElectrodePlace
-from softfuse.config.quantity import PositiveForce, PositiveInteger, PositiveLength, wrong_value
+from softfuse.config.quantity import (
+    LayerCompliance,
+    PositiveForce,
+    PositiveInteger,
+    PositiveLength,
+    wrong_value,
+)
 from softfuse.config.settings import Direction, Range, Settings
 from softfuse.equilibrium.load import AbstractContact
 from softfuse.equilibrium.patch import PatchContact
@@ -51,11 +58,16 @@ class ContactSettings(Settings):
 
 
 class DiscSettings(ContactSettings):
-    """Discs that push along direction (3,) anywhere in the workspace; at most max_contacts at once."""
+    """Discs that push along direction (3,) anywhere in the workspace; at most max_contacts at once.
+
+    compliance in m/Pa: of a soft layer between disc and body, a padded indenter or a skin that the mesh does
+    not have; 0: none.
+    """
 
     direction: Direction
     workspace: Workspace
     max_contacts: PositiveInteger = 1
+    compliance: Annotated[LayerCompliance, Ge(0)] = 0.0
 
     @staticmethod
     @abstractmethod
@@ -66,7 +78,8 @@ class DiscSettings(ContactSettings):
         """A disc on those of the faces that look against its direction."""
         del electrodes
         surface = ContactSurface.facing(faces, rest, np.array(self.direction))
-        return PunchContact(Contact(surface, self.cells(), jnp.zeros(3), jnp.asarray(self.radius)))
+        disc = Contact(surface, self.cells(), jnp.zeros(3), jnp.asarray(self.radius), self.compliance)
+        return PunchContact(disc)
 
     def check_electrodes(self, electrodes):
         """A disc needs none."""

@@ -71,6 +71,7 @@ PRESSURE_RATE = Dimension("a pressure per time", "Pa/s", "2 Pa/s")
 DENSITY = Dimension("a density", "kg/m^3", "1080 kg/m^3")
 VOLTAGE = Dimension("a voltage", "V", "0.5 V")
 VOLTAGE_WALK = Dimension("a random walk of a voltage", "V/s^0.5", "0.02 mV/s^0.5")
+LAYER_COMPLIANCE = Dimension("a length per pressure", "m/Pa", "0.5 mm/MPa")
 FLOW_SENSITIVITY = Dimension("a voltage per flow", "V s/m^3", "20 V min/L")
 
 _DIMENSIONS = (
@@ -87,6 +88,7 @@ _DIMENSIONS = (
     DENSITY,
     VOLTAGE,
     VOLTAGE_WALK,
+    LAYER_COMPLIANCE,
     FLOW_SENSITIVITY,
 )
 
@@ -103,6 +105,7 @@ PressureRate = Annotated[float, BeforeValidator(PRESSURE_RATE.parse)]
 Density = Annotated[float, BeforeValidator(DENSITY.parse)]
 Voltage = Annotated[float, BeforeValidator(VOLTAGE.parse)]
 VoltageWalk = Annotated[float, BeforeValidator(VOLTAGE_WALK.parse)]
+LayerCompliance = Annotated[float, BeforeValidator(LAYER_COMPLIANCE.parse)]
 FlowSensitivity = Annotated[float, BeforeValidator(FLOW_SENSITIVITY.parse)]
 Number = Annotated[float, Strict()]
 Integer = Annotated[int, Strict()]

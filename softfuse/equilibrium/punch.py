@@ -1,10 +1,13 @@
-"""A rigid disc with a prescribed total force: no tension, no penetration.
+"""A flat disc with a prescribed total force: no tension, no penetration.
 
 The ports are the displacements g (m,) under the cells of a `Contact`, the forces those of the cells a (m,),
-the internal unknown the disc's depth d. A cell touches where g = d and has lifted off where g > d: 0 ≤ a ⊥ g
-− d ≥ 0, Σ a = F. As equations: with v = a − γ (g − d) a cell is on where v > 0, and then g = d, else a = 0.
-The choice of γ > 0 [N/m] does not move the solution. A disc weighs one nanonewton, so that without a force it
-rests on those cells that a force would press.
+the internal unknown the disc's depth d. Between the rigid disc and the body lies a layer of springs
+(Winkler's foundation: a padded indenter, a thin skin) of compliance c [m/Pa], which a cell of area A
+compresses by s a, s = c/A; c = 0 is a bare rigid disc. With the gap h = g + s a − d a cell touches where h =
+0 and has lifted off where h > 0: 0 ≤ a ⊥ h ≥ 0, Σ a = F. As equations: with v = a − γ h a cell is on where
+v > 0, and then h = 0, else a = 0. The choice of γ > 0 [N/m] does not move the solution. A disc weighs one
+nanonewton, so that without a force it rests on those cells that a force would press. Source of the layer:
+Johnson, Contact Mechanics, 1985, sec. 4.3.
 """
 
 import equinox as eqx
@@ -21,9 +24,12 @@ _SOFTENING = 1e-10  # of 1/γ: cells that a coarse mesh cannot tell apart share 
 
 
 class Punch(AbstractLoad):
-    """The disc's cells as ports, and the stiffness γ [N/m] that weighs gaps against forces."""
+    """The disc's cells as ports, the compliance s (m,) [m/N] of the layer under each, and the stiffness γ
+    [N/m] that weighs gaps against forces.
+    """
 
     ports: LinearPorts
+    layer: Float[Array, " m"]
     stiffness: Float[Array, ""]
 
     @classmethod
@@ -35,7 +41,8 @@ class Punch(AbstractLoad):
     def pushing(cls, rows: Float[Array, "n m"], contact: Contact, body: AbstractBody) -> "Punch":
         """The disc of a contact with known rows (n, m) of its cells, see `Contact.rows`."""
         gamma = jax.lax.stop_gradient(body.pressure_unit * contact.radius)
-        return cls(LinearPorts(jnp.zeros(rows.shape[1]), rows), gamma)
+        layer = contact.compliance / contact.areas
+        return cls(LinearPorts(jnp.zeros(rows.shape[1]), rows), layer, gamma)
 
     @property
     def sizes(self):
@@ -52,9 +59,9 @@ class Punch(AbstractLoad):
         return jnp.append(jnp.ones(self.sizes.forces), 1 / self.stiffness)
 
     def equations(self, force, internal, y, drive):
-        """γ (g − d) = 0 or a = 0 for each cell (m,), then Σ a − F = 0 [N]."""
-        gap = self.stiffness * (y - internal[0])
-        law = jnp.where(self.touching(force, internal, y), gap + _SOFTENING * force, force)
+        """γ h = 0 or a = 0 for each cell (m,), then Σ a − F = 0 [N]."""
+        shut = self.stiffness * self._gap(force, internal, y) + _SOFTENING * force
+        law = jnp.where(self.touching(force, internal, y), shut, force)
         return jnp.append(law, jnp.sum(force) - drive[0] - _WEIGHT)
 
     def conjugate(self, force, internal, y):
@@ -66,8 +73,14 @@ class Punch(AbstractLoad):
         self, force: Float[Array, " m"], internal: Float[Array, " 1"], y: Float[Array, " m"]
     ) -> Bool[Array, " m"]:
         """Which cells are on (m,); one always is, or nothing would hold the disc."""
-        v = force - self.stiffness * (y - internal[0])
+        v = force - self.stiffness * self._gap(force, internal, y)
         return (v > 0) | (v >= jnp.max(v))
+
+    def _gap(
+        self, force: Float[Array, " m"], internal: Float[Array, " 1"], y: Float[Array, " m"]
+    ) -> Float[Array, " m"]:
+        """h (m,) [m]."""
+        return y + self.layer * force - internal[0]
 
 
 class PunchContact(AbstractContact):

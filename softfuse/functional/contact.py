@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from softfuse.body.base import AbstractBody
 from softfuse.body.shape import linear, quadratic
@@ -20,6 +20,10 @@ from softfuse.functional.face_search import AbstractFaceSearch, EveryFace, FaceB
 from softfuse.functional.pressure_cells import PressureCells
 
 _GRAZING = 0.1  # cosine below which a face is seen edge-on
+
+
+def _as_float(value: ArrayLike) -> Array:
+    return jnp.asarray(value, float)
 
 
 class Landed(eqx.Module):
@@ -152,13 +156,19 @@ def _barycentric(
 
 class Contact(eqx.Module):
     """A disc of `radius` (m) that presses at `location` (3,) m of its centre, with the pressure cells it may
-    have.
+    have, through a layer of `compliance` [m/Pa] that each cell compresses for itself.
     """
 
     surface: ContactSurface
     cells: PressureCells
     location: Float[Array, "3"]
     radius: Float[Array, ""]
+    compliance: Float[Array, ""] = eqx.field(default=0.0, converter=_as_float)
+
+    @property
+    def areas(self) -> Float[Array, " m"]:
+        """The cells' areas (m,) [m²]."""
+        return self.radius**2 * self.cells.area
 
     @property
     def points(self) -> Float[Array, "p 3"]:

@@ -17,12 +17,14 @@ from jaxtyping import Array, Float, Int
 
 class PressureCells(eqx.Module):
     """Quadrature points (p, 2) on the unit disc, the number (p,) of the cell that each belongs to, the share
-    (p,) of that cell's force that acts there, and the `count` of cells; the shares of a cell sum to 1.
+    (p,) of that cell's force that acts there, the cells' areas (m,), which sum to π, and their `count` m; the
+    shares of a cell sum to 1.
     """
 
     points: Float[Array, "p 2"]
     cell: Int[Array, " p"]
     share: Float[Array, " p"]
+    area: Float[Array, " m"]
     count: int = eqx.field(static=True)
 
 
@@ -34,7 +36,7 @@ def uniform(*, rings: int = 10, angles: int = 32) -> PressureCells:
     points = radius[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     share = np.repeat(weights / weights.sum() / angles, angles)
     cell = jnp.zeros(len(share), jnp.int32)
-    return PressureCells(jnp.asarray(points.reshape(-1, 2)), cell, jnp.asarray(share), 1)
+    return PressureCells(jnp.asarray(points.reshape(-1, 2)), cell, jnp.asarray(share), jnp.full(1, np.pi), 1)
 
 
 def flat_punch(
@@ -48,18 +50,20 @@ def flat_punch(
     """
     nodes, weights = np.polynomial.legendre.leggauss(points)
     nodes, weights = 0.5 * (nodes + 1), 0.5 * weights
-    where, inner = [], 0.0
+    where, areas, inner = [], [], 0.0
     for rim, count in zip(rims, sectors, strict=True):
         depth = np.sqrt(1 - inner**2) + (np.sqrt(1 - rim**2) - np.sqrt(1 - inner**2)) * nodes
         radius = np.sqrt(1 - depth**2)
         for k in range(count):
             turn = 2 * np.pi / count * (k + nodes)
             where.append(radius[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1))
+        areas += [np.pi / count * (rim**2 - inner**2)] * count
         inner = rim
     share, count = np.outer(weights, weights).ravel(), len(where)
     return PressureCells(
         jnp.asarray(np.concatenate([w.reshape(-1, 2) for w in where])),
         jnp.asarray(np.repeat(np.arange(count, dtype=np.int32), len(share))),
         jnp.asarray(np.tile(share, count)),
+        jnp.asarray(areas),
         count,
     )

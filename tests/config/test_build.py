@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from softfuse.config import load
+from softfuse.config.build_device import build_device
 from softfuse.config.build_material import build_materials
 from softfuse.config.build_mesh import build_mesh
 from softfuse.config.build_sensors import (
@@ -19,6 +20,7 @@ from softfuse.config.build_sensors import (
     touch_thresholds,
 )
 from softfuse.config.sensors import CapacitiveSettings, FlowSettings
+from softfuse.equilibrium.punch import PunchContact
 from softfuse.errors import ConfigError
 from softfuse.mesh.files import write_mesh, write_surface
 from softfuse.mesh.shell import shell_of
@@ -56,6 +58,13 @@ def test_the_order_of_the_config_is_that_of_the_volumes(write: Write) -> None:
     device = build_mesh(config)
     found = [centroid(device.mesh.nodes, cavity.faces) for cavity in device.cavities]
     np.testing.assert_allclose(found, [c.centre for c in config.cavities], atol=1e-12)
+
+
+def test_a_punch_has_the_layer_that_is_given(write: Write) -> None:
+    asked = write(*COARSE, ('max_force = "25 N"', 'max_force = "25 N"\ncompliance = "0.5 mm/MPa"'))
+    contact = build_device(load(asked)).contact
+    assert isinstance(contact, PunchContact)
+    assert float(contact.disc.compliance) == pytest.approx(0.5e-9)
 
 
 def test_linear_elements_get_a_linear_mesh(write: Write) -> None:

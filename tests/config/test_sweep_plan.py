@@ -109,6 +109,9 @@ def test_a_digest_is_of_what_is_said(tmp_path: Path, write: Write) -> None:
         digests.append(digest(load_plan(plan)))
     assert digests[0] == digests[1] != digests[2] and len(digests[0]) == 64
     assert digest(load(PAD)) == digest(load(write())) != digest(load(write(("0.6 MPa", "0.7 MPa"))))
+    forced = 'max_force = "25 N"'
+    digests = [digest(load(write((forced, f'{forced}\ncompliance = "{c} mm/MPa"')))) for c in (0, 1)]
+    assert digests[0] == digest(load(PAD)) != digests[1]
 
 
 def test_a_digest_is_of_files_too(write: Write, tmp_path: Path, pad_text: str) -> None:

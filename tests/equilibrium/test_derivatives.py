@@ -1,7 +1,7 @@
 """Implicit derivatives of the equilibrium, one test a transform, against differences of full solves.
 
 Readings (marker [m], volume inside the skin [m³], depth of the disc [m]) as functions of everything an
-equilibrium depends on: force, material constants, rest nodes, location and radius of the disc.
+equilibrium depends on: force, material constants, rest nodes, location, radius and layer of the disc.
 """
 
 from typing import NamedTuple
@@ -18,7 +18,7 @@ from softfuse.equilibrium.dense import Dense
 from softfuse.functional import Cavity, Contact, Marker, flat_punch
 from softfuse.material import NeoHookean
 
-PARTS = ("force", "law", "rest", "location", "radius")
+PARTS = ("force", "law", "rest", "location", "radius", "compliance")
 
 
 class Cause(NamedTuple):
@@ -29,6 +29,7 @@ class Cause(NamedTuple):
     rest: jax.Array
     location: jax.Array
     radius: jax.Array
+    compliance: jax.Array
 
 
 class Effect(NamedTuple):
@@ -55,7 +56,7 @@ class Model:
         def read(cause: Cause, start: State) -> Effect:
             self.traces += 1
             changed = body.with_rest(cause.rest).with_materials([cause.law])
-            disc = Contact(top, cells, cause.location, cause.radius)
+            disc = Contact(top, cells, cause.location, cause.radius, cause.compliance)
             loads = Loads((Punch.of(disc, changed),))
             solution = solve(newton, changed, loads, cause.force, start)
             x = changed.rest + changed.displacement(solution.state.z)
@@ -86,6 +87,7 @@ class Model:
             body.rest,
             jnp.array([0.0094, 0.0104, 0.01]),
             jnp.asarray(0.0062),
+            jnp.asarray(0.002 * 0.0062 / float(body.pressure_unit)),
         )
         random = np.random.default_rng(0)
         # Each part changes by its own size, or the nodes and the disc by a fraction of an element.
@@ -95,6 +97,7 @@ class Model:
             0.002 * jnp.asarray(random.normal(size=body.rest.shape)),
             0.002 * jnp.asarray(random.normal(size=3)),
             0.5 * self.at.radius,
+            1000.0 * self.at.compliance,
         )
 
     def only(self, *parts: str) -> Cause:

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from softfuse.equilibrium import LinearPorts, Loads, Punch
 from softfuse.equilibrium.interface import settle
+from softfuse.estimation.device import simulate
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 
@@ -32,22 +33,24 @@ class Found(NamedTuple):
     found: bool
 
 
-def _discs(c: int, m: int) -> Loads:
-    """c discs of m cells; only the body's compliance between them matters here."""
+def _discs(layers) -> Loads:
+    """Discs with layers (c, m) m/N under their cells; of the body only its compliance matters here."""
+    m = layers.shape[1]
     ports = LinearPorts(jnp.zeros(m), jnp.zeros((1, m)))
-    return Loads(tuple(Punch(ports, jnp.asarray(GAMMA)) for _ in range(c)))
+    return Loads(tuple(Punch(ports, jnp.asarray(layer), jnp.asarray(GAMMA)) for layer in layers))
 
 
 @eqx.filter_jit
-def _settled(compliance, offset, total, start):
+def _settled(compliance, offset, total, start, layers=None):
     c, m = offset.shape
-    loads, s = _discs(c, m), jnp.reshape(compliance, (c * m, c * m))
+    layers = jnp.zeros((c, m)) if layers is None else layers
+    loads, s = _discs(layers), jnp.reshape(compliance, (c * m, c * m))
     return settle(loads, jnp.ravel(offset), s, jnp.asarray(total), (jnp.ravel(start), jnp.zeros(c)))
 
 
-def distributed(compliance, offset, total, start=None) -> Found:
+def distributed(compliance, offset, total, start=None, layers=None) -> Found:
     start = np.zeros(offset.shape) if start is None else start
-    found = _settled(compliance, offset, total, start)
+    found = _settled(compliance, offset, total, start, layers)
     return Found(np.asarray(found.force).reshape(offset.shape), np.asarray(found.internal), bool(found.found))
 
 
@@ -127,6 +130,29 @@ def test_two_discs_feel_each_other() -> None:
     single = distributed(compliance[:1, :, :1], offset[:1], total[:1])
     np.testing.assert_allclose(alone.force[0], single.force[0], rtol=1e-8, atol=1e-9)
     assert np.all(together.depth > alone.depth)  # each disc sinks into the other's dent
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_layer_is_compliance_that_each_cell_has_for_itself(seed: int) -> None:
+    compliance, offset, total = _problem(seed, 2, 6)
+    layers = np.random.default_rng(seed).uniform(0.0, 2e-3, (2, 6))
+    found = distributed(compliance, offset, total, layers=layers)
+    both = compliance + np.diag(layers.ravel()).reshape(2, 6, 2, 6)
+    _check_optimality(both, offset, total, found)
+    expected = distributed(both, offset, total)
+    np.testing.assert_allclose(found.force, expected.force, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(found.depth, expected.depth, rtol=1e-8)
+
+
+def test_under_a_layer_much_softer_than_the_body_pressure_is_uniform(device) -> None:
+    soft = 1e4 * 8e-3 / float(device.body.pressure_unit)
+    padded = eqx.tree_at(lambda d: d.contact.disc.compliance, device, jnp.asarray(soft))
+    place, force = jnp.array([[0.004, 0.002, 0.018]]), jnp.array([2.0])
+    state = simulate(padded, place, force).state
+    areas = np.asarray(padded.contact.disc.areas)
+    np.testing.assert_allclose(areas.sum(), np.pi * 8e-3**2, rtol=1e-12)
+    np.testing.assert_allclose(state.force, 2.0 * areas / areas.sum(), rtol=1e-3)
+    np.testing.assert_allclose(state.internal[0], soft * 2.0 / areas.sum(), rtol=1e-3)
 
 
 def test_a_disc_without_force_rests_on_the_highest_cells() -> None:
