@@ -8,6 +8,7 @@ from jaxtyping import Bool
 from softfuse.config.body import FixedSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.errors import ConfigError
+from softfuse.mesh.morph import reshaped_cavities
 from softfuse.mesh.surface import Surface, cavities
 from softfuse.mesh.tetmesh import TetMesh, linear, quadratic, tet_mesh
 
@@ -31,14 +32,19 @@ def build_mesh(config: DeviceConfig) -> DeviceMesh:
     """The mesh that a configuration describes.
 
     Raises ConfigError with the key's path when the source gives no valid mesh, it has another number of
-    cavities or of regions than the configuration, or no node is fixed.
+    cavities or of regions than the configuration, the cavities as made do not fit, or no node is fixed.
     """
-    centres = [cavity.centre for cavity in config.cavities]
+    drawn = [cavity.centre for cavity in config.cavities]
     with config.told("body.source"):
-        mesh = config.body.source.mesh(centres)
-    mesh = linear(mesh) if config.body.element == "linear" else quadratic(mesh)
+        mesh = config.body.source.mesh(drawn)
+    centres = np.array(drawn).reshape(-1, 3)
+    shifts = np.array([cavity.shift for cavity in config.cavities]).reshape(-1, 3)
+    growths = np.array([cavity.growth for cavity in config.cavities]).reshape(-1, 3)
     with config.told("cavity"):
-        found = cavities(mesh, np.array(centres).reshape(-1, 3))
+        if np.any(shifts) or np.any(growths):
+            mesh = reshaped_cavities(mesh, shifts, growths, centres=centres)
+        mesh = linear(mesh) if config.body.element == "linear" else quadratic(mesh)
+        found = cavities(mesh, centres + shifts)
     mesh = _with_numbered_regions(config, mesh)
     return DeviceMesh(mesh, tuple(found), _fixed_nodes(config, mesh))
 

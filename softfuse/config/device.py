@@ -36,10 +36,16 @@ class NameSettings(Settings):
 
 
 class CavitySettings(Settings):
-    """A cavity's name and a point (3,) m in it; their order in the file is their order everywhere."""
+    """A cavity's name and a point (3,) m in it; their order in the file is their order everywhere.
+
+    shift, growth (3,) m: how the cavity of the device that was made differs from the one drawn, in place and
+    in length along x, y and z; the mesh follows (softfuse/mesh/morph.py).
+    """
 
     name: str
     centre: Vector
+    shift: Vector = (0.0, 0.0, 0.0)
+    growth: Vector = (0.0, 0.0, 0.0)
 
 
 class EstimatorSettings(Settings):

@@ -60,6 +60,29 @@ def test_the_order_of_the_config_is_that_of_the_volumes(write: Write) -> None:
     np.testing.assert_allclose(found, [c.centre for c in config.cavities], atol=1e-12)
 
 
+def test_cavities_are_as_they_were_made(write: Write) -> None:
+    made = (
+        '"(-,+)"',
+        '"(-,+)"\nshift = ["0.4 mm", "-0.2 mm", "0.3 mm"]\ngrowth = ["0.1 mm", "0 mm", "-0.5 mm"]',
+    )
+    config = load(write(*COARSE, made))
+    device = build_mesh(config)
+    boxes = np.array([np.ptp(device.mesh.nodes[c.faces].reshape(-1, 3), axis=0) for c in device.cavities])
+    middles = [centroid(device.mesh.nodes, c.faces) for c in device.cavities]
+    drawn = np.array([cavity.centre for cavity in config.cavities])
+    np.testing.assert_allclose(boxes[1], [28.1e-3, 28e-3, 5.5e-3], atol=1e-12)
+    np.testing.assert_allclose(boxes[[0, 2, 3]], np.full((3, 3), [28e-3, 28e-3, 6e-3]), atol=1e-12)
+    np.testing.assert_allclose(middles[1], drawn[1] + [0.4e-3, -0.2e-3, 0.3e-3], atol=1e-12)
+    np.testing.assert_allclose(middles[2], drawn[2], atol=1e-12)
+
+
+def test_a_cavity_that_does_not_fit_as_made_is_told(write: Write) -> None:
+    path = write(*COARSE, ('"(-,+)"', '"(-,+)"\nshift = ["0 mm", "0 mm", "15 mm"]'))
+    with pytest.raises(ConfigError) as caught:
+        build_mesh(load(path))
+    assert str(caught.value).startswith(f"{path}: cavity: the cavities are shifted too far or grown too much")
+
+
 def test_a_punch_has_the_layer_that_is_given(write: Write) -> None:
     asked = write(*COARSE, ('max_force = "25 N"', 'max_force = "25 N"\ncompliance = "0.5 mm/MPa"'))
     contact = build_device(load(asked)).contact
