@@ -10,13 +10,11 @@ from softfuse.config.settings import FileSettings
 
 def digest(settings: FileSettings, parts: set[str] | None = None) -> str:
     """SHA-256 of validated settings, or only of some parts, in hexadecimal: comments, units and places of
-    files do not matter, the contents of files do. What is as it is by default counts as not said, so that a
-    key that is new in softfuse leaves what was made without it valid.
+    files do not matter, the contents of files do.
 
     Raises OSError when a file has gone since.
     """
-    said = settings.model_dump(mode="python", include=parts, exclude_defaults=True)
-    text = json.dumps(said, sort_keys=True, default=_contents)
+    text = json.dumps(settings.model_dump(mode="python", include=parts), sort_keys=True, default=_contents)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

@@ -12,18 +12,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.body.base import AbstractBody
 from softfuse.body.shape import linear, quadratic
 from softfuse.functional.face_search import AbstractFaceSearch, EveryFace, FaceBuckets
 from softfuse.functional.pressure_cells import PressureCells
+from softfuse.material.base import constant
 
 _GRAZING = 0.1  # cosine below which a face is seen edge-on
-
-
-def _as_float(value: ArrayLike) -> Array:
-    return jnp.asarray(value, float)
 
 
 class Landed(eqx.Module):
@@ -163,7 +160,7 @@ class Contact(eqx.Module):
     cells: PressureCells
     location: Float[Array, "3"]
     radius: Float[Array, ""]
-    compliance: Float[Array, ""] = eqx.field(default=0.0, converter=_as_float)
+    compliance: Float[Array, ""] = eqx.field(default=0.0, converter=constant)
 
     @property
     def areas(self) -> Float[Array, " m"]:

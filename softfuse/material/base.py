@@ -53,5 +53,5 @@ def lame_constants(young: float, poisson: float) -> tuple[Float[Array, ""], Floa
 
 
 def constant(value: ArrayLike | Sequence[float]) -> Array:
-    """A material constant as a float array, so that it is a leaf that can be fitted."""
+    """A constant, of a material or of what presses on it, as a float array: a leaf that can be fitted."""
     return jnp.asarray(value, float)
