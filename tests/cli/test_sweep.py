@@ -195,8 +195,17 @@ def test_a_worker_that_dies_is_told_and_costs_nothing(
     assert f"the worker {killed[0]} has died" in caplog.text
 
 
+@pytest.fixture
+def heeded_interrupts() -> Iterator[None]:
+    """Processes started within heed SIGINT, which those of a job in the background ignore."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="process groups")
+@pytest.mark.usefixtures("heeded_interrupts")
 def test_an_interrupt_leaves_what_is_finished_and_only_the_loopback_is_listened_on(
     pad: Path, plan: Callable[[str], Path], tmp_path: Path
 ) -> None:
