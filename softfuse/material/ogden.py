@@ -49,6 +49,10 @@ class Ogden(AbstractIsotropic):
                 "give one list of moduli and one of exponents, equally long"
             )
 
+    def times(self, factor):
+        """The same law with all moduli times the factor; exponents stay."""
+        return Ogden(factor * self.mu, self.alpha, factor * self.lame)
+
     def distortion_of(self, at: Invariants) -> Float[Array, "..."]:
         """Σ μᵢ/αᵢ (λ₁^αᵢ + λ₂^αᵢ + λ₃^αᵢ − 3 − αᵢ ln J) (...) [J/m³]."""
         log_volume = self.dilatation_of(at)

@@ -3,19 +3,19 @@
 Each component of the nodes' displacement d is harmonic, ∇²d = 0, with d = 0 on the skin of the body and d
 given on the walls of the cavities: d = s + g (X − X_m)/L for a shift s and a growth g of a cavity that has
 the bounding box of middle X_m and size L (by component), solved with linear elements: Σ V ∇N_a · ∇N_b d_b
-= 0. The topology stays, hence so do the numbers of nodes and tetrahedra, and quantities before and after can
-be compared one by one.
+= 0. It is linear in s and g, through four fields of each cavity. The topology stays, hence so do the numbers
+of nodes and tetrahedra, and quantities before and after can be compared one by one.
 """
 
 import numpy as np
 from jaxtyping import Float
 from scipy.sparse import csr_array
-from scipy.sparse.linalg import spsolve
+from scipy.sparse.linalg import splu
 
 from softfuse.errors import MeshError
 from softfuse.mesh.orientation import check
 from softfuse.mesh.surface import cavities, outer_surface
-from softfuse.mesh.tetmesh import TetMesh, linear, quadratic, tet_mesh, volumes
+from softfuse.mesh.tetmesh import EDGES, TetMesh, linear, quadratic, tet_mesh, volumes
 
 
 def moved_cavities(
@@ -41,24 +41,14 @@ def reshaped_cavities(
 
     centres (k, 3) m and errors raised: see `moved_cavities`.
     """
-    corners = linear(mesh)
-    walls = cavities(corners, centres)
+    fields = wall_fields(linear(mesh), centres=centres)
     for given, what in ((shifts, "shifts"), (growths, "growths")):
-        if len(given) != len(walls):
-            raise MeshError(f"{len(given)} {what} are given for {len(walls)} cavities: give one for each")
-    displacement = np.zeros_like(corners.nodes)
-    held = np.zeros(len(corners.nodes), bool)
-    held[outer_surface(corners).faces] = True
-    for wall, shift, growth in zip(walls, shifts, growths, strict=True):
-        nodes = np.unique(wall.faces)
-        x = corners.nodes[nodes]
-        low, high = x.min(axis=0), x.max(axis=0)
-        displacement[nodes] = shift + growth * (x - 0.5 * (low + high)) / (high - low)
-        held[nodes] = True
-    stiffness = _laplacian(corners)
-    if not held.all():
-        load = -(stiffness[~held][:, held] @ displacement[held])
-        displacement[~held] = spsolve(stiffness[~held][:, ~held].tocsc(), load).reshape(-1, 3)
+        if len(given) != len(fields):
+            raise MeshError(f"{len(given)} {what} are given for {len(fields)} cavities: give one for each")
+    corners = linear(mesh)
+    displacement = np.einsum("ki,kn->ni", shifts, fields[:, 0]) + np.einsum(
+        "ki,kin->ni", growths, fields[:, 1:]
+    )
     moved = tet_mesh(corners.nodes + displacement, corners.tets, region=mesh.region)
     try:
         check(moved)
@@ -67,6 +57,41 @@ def reshaped_cavities(
             f"the cavities are shifted too far or grown too much ({error}): mesh the new layout"
         ) from error
     return moved if mesh.order == 1 else quadratic(moved)
+
+
+def wall_fields(
+    mesh: TetMesh, *, centres: Float[np.ndarray, "k 3"] | None = None
+) -> Float[np.ndarray, "k 4 n"]:
+    """Harmonic fields (k, 4, n) [-] at the nodes, 0 on the skin and on the walls of other cavities: on those
+    of cavity k first 1, what a shift by 1 m moves along its axis; then (X − X_m)/L along x, y and z, what a
+    growth by 1 m moves along the same axis.
+
+    centres (k, 3) m tell which cavity is which, see `cavities`. Nodes in the middle of edges have the mean of
+    their ends.
+    """
+    corners = linear(mesh)
+    walls = cavities(corners, centres)
+    fields = np.zeros((len(walls), 4, len(corners.nodes)))
+    held = np.zeros(len(corners.nodes), bool)
+    held[outer_surface(corners).faces] = True
+    for wall, field in zip(walls, fields, strict=True):
+        nodes = np.unique(wall.faces)
+        x = corners.nodes[nodes]
+        low, high = x.min(axis=0), x.max(axis=0)
+        field[0, nodes] = 1.0
+        field[1:, nodes] = ((x - 0.5 * (low + high)) / (high - low)).T
+        held[nodes] = True
+    stiffness = _laplacian(corners)
+    if walls and not held.all():
+        load = -(stiffness[~held][:, held] @ fields[..., held].reshape(4 * len(walls), -1).T)
+        inside = splu(stiffness[~held][:, ~held].tocsc()).solve(load)
+        fields[..., ~held] = inside.T.reshape(len(walls), 4, -1)
+    if mesh.order == 1:
+        return fields
+    whole = np.empty((len(walls), 4, len(mesh.nodes)))
+    whole[..., : mesh.n_corners] = fields
+    whole[..., mesh.tets[:, 4:]] = fields[..., mesh.tets[:, EDGES]].mean(axis=-1)
+    return whole
 
 
 def _laplacian(mesh: TetMesh) -> csr_array:
