@@ -134,9 +134,9 @@ class PaperStep:
         answers = self._tangent.factor(self._z).solve(np.column_stack([left, self._rows]))
         slopes = np.asarray(self._slopes(z))
         free, w = slopes @ answers[:, 0], slopes @ answers[:, 1:]
-        missed = (seen.reading - np.asarray(self._volumes(z)) - free) * seen.weight
+        missed = seen.whitening @ (seen.reading - np.asarray(self._volumes(z)) - free)
         bounds = (-self._force, 50.0 - self._force)
-        change = scipy.optimize.lsq_linear(w * seen.weight[:, None], missed, bounds=bounds).x
+        change = scipy.optimize.lsq_linear(seen.whitening @ w, missed, bounds=bounds).x
         self._z = self._z + answers[:, 0] + answers[:, 1:] @ change
         self._force = self._force + change
         return Drives(self._force)

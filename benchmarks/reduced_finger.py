@@ -119,14 +119,14 @@ def frame_times(
     factor made anew and a state lost; and how far off the tension is at the loads [N], 50 % and the largest.
     """
     estimator = Estimator(kept.device, build_limits(config, 1), place, build_step_settings(config))
-    weight = np.full(through.shape[1], 1 / SIGMA_PA)
-    weight[0] = 1 / SIGMA_M
+    whitening = np.eye(through.shape[1]) / SIGMA_PA
+    whitening[0, 0] = 1 / SIGMA_M
     wait_until_compiled(estimator)
     taken, off, renewed, lost = [], [], 0, 0
     with compilations() as compiled:
         for k in to_and_fro(len(through), frames):
             began = time.perf_counter()
-            found = estimator.update(Observation.on_host(through[k], weight, np.asarray(place)))
+            found = estimator.update(Observation.on_host(through[k], whitening, np.asarray(place)))
             estimated = time.perf_counter()
             kept.displacement(np.asarray(estimator.state.z))
             taken.append((estimated - began, time.perf_counter() - estimated))

@@ -98,8 +98,8 @@ def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int)
     number = np.arange(len(places))
     readings = np.stack([np.interp(number, number[::every], each) for each in np.transpose(solved)], axis=1)
     limits, none = build_limits(config, 1), jnp.zeros((1, 3))
-    sigma = np.full(readings.shape[1], 1e9)
-    path = [Observation.on_host(r, sigma, p[None]) for r, p in zip(readings, places, strict=True)]
+    whitening = 1e9 * np.eye(readings.shape[1])
+    path = [Observation.on_host(r, whitening, p[None]) for r, p in zip(readings, places, strict=True)]
     full, small = Estimator(device, limits, none), ReducedEstimator(atlas, limits, none)
     outside = np.append(np.array(cells.high) + APART_M, 0.0)
     for place in (*(cells[number].centre for number in range(len(cells))), outside):

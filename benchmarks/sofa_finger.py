@@ -199,7 +199,9 @@ def inverse_with_our_energy(finger: Reference, tip: int) -> tuple[float, float, 
     nothing = PatchContact.on(faces, np.zeros((1, 1, 3)), inwards, uniform(rings=1, angles=4), 1e-3)
     device = Device(body, sensors, nothing, Dense.plan(body), (cable,), gauges=(0,))
     limits = Limits(jnp.zeros(1), jnp.full(1, 5.0), jnp.zeros(1), motion=jnp.array(5e-3))
-    target = Observation(jnp.append(finger.u[tip], 0.0), jnp.array([1e3] * 3 + [0.0]), jnp.zeros(0, int))
+    target = Observation(
+        jnp.append(finger.u[tip], 0.0), jnp.diag(jnp.array([1e3] * 3 + [0.0])), jnp.zeros(0, int)
+    )
     rest = device.rest_state(target.places)
     state, report = eqx.filter_jit(exact_steps)(device, limits, rest, target, steps=INVERSE_STEPS)
     off = float(jnp.linalg.norm(report.misfit[:3]))

@@ -82,9 +82,9 @@ def measure(name: str, frames: int) -> dict[str, float]:
     limits = Limits(jnp.zeros(1), jnp.full(1, 50.0), jnp.zeros(1))
     estimator = Estimator(device, limits, jnp.zeros((1, 3)))
     force = PEAK_N * np.abs(np.interp(np.arange(frames), [0, frames / 2, frames], [0, 1, 0]))
-    weight = jnp.full(device.readings, 1e9)
+    whitening = 1e9 * jnp.eye(device.readings)
     seen = [
-        Observation(jnp.asarray(reading), weight, jnp.zeros((1, 3))) for reading in readings(device, force)
+        Observation(jnp.asarray(reading), whitening, jnp.zeros((1, 3))) for reading in readings(device, force)
     ]
     for each in seen[:3]:
         estimator.update(each)

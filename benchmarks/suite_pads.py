@@ -71,8 +71,8 @@ def press(
     force = np.minimum(np.linspace(0.0, 1.25, frames), 1.0) * levels[-1]
     readings = np.stack([np.interp(force, levels, column) for column in read.T], axis=1)
     jitter = np.random.default_rng(seed).normal(0.0, 0.05e-3, (frames, contacts, 3)) * [1.0, 1.0, 0.0]
-    weight = np.full(readings.shape[1], 1e9)
-    return [Observation.on_host(r, weight, places + j) for r, j in zip(readings, jitter, strict=True)]
+    whitening = 1e9 * np.eye(readings.shape[1])
+    return [Observation.on_host(r, whitening, places + j) for r, j in zip(readings, jitter, strict=True)]
 
 
 def time_frames(benchmark: BenchmarkFixture, update: Callable, frames: Sequence, **said: object) -> None:

@@ -73,10 +73,10 @@ def test_full_step_of_the_finger(benchmark) -> None:
     place = jnp.array([7])
     drive = device.rest_state(place).drive.at[2].set(2.0).at[0].set(0.5)
     state = simulate(device, place, drive).state
-    reading, weight = np.asarray(device.reading(state)), np.full(device.readings, 0.1)
-    weight[0] = 2e4
+    reading, whitening = np.asarray(device.reading(state)), 0.1 * np.eye(device.readings)
+    whitening[0, 0] = 2e4
     ramp = np.minimum(np.linspace(0.0, 1.25, 40), 1.0)
-    frames = [Observation.on_host(share * reading, weight, np.asarray(place)) for share in ramp]
+    frames = [Observation.on_host(share * reading, whitening, np.asarray(place)) for share in ramp]
     said = {"nodes": device.body.n_nodes, "unknowns": device.body.n}
     _time_estimates(benchmark, device, limits, frames, build_step_settings(config), **said)
 
@@ -89,7 +89,7 @@ def test_exact_step(benchmark, nodes: int, what: str) -> None:
     """
     device, place = pad(nodes).device, jnp.asarray(PLACES[:1])
     before, now = (simulate(device, place, jnp.array([force])).state for force in (5.0, 5.5))
-    seen = Observation(device.reading(now), jnp.full(device.readings, 1e9), place)
+    seen = Observation(device.reading(now), 1e9 * jnp.eye(device.readings), place)
     inputs, rest = eqx.partition((device, pad(nodes).limits(), before, seen), eqx.is_inexact_array)
     indices, static = eqx.partition(rest, eqx.is_array)
 

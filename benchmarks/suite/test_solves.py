@@ -59,8 +59,8 @@ def test_linear_tet_step(benchmark, mesh: str, way: str) -> None:
     """One force from four volumes, on linear corotational tets, rising and falling."""
     device, frames = sofa_pad(mesh), 60
     force = 5.0 * np.abs(np.interp(np.arange(frames), [0, frames / 2, frames], [0, 1, 0]))
-    weight = np.full(device.readings, 1e9)
-    seen = [Observation.on_host(each, weight, np.zeros((1, 3))) for each in readings(device, force)]
+    whitening = 1e9 * np.eye(device.readings)
+    seen = [Observation.on_host(each, whitening, np.zeros((1, 3))) for each in readings(device, force)]
     if way == "ours":
         limits = Limits(jnp.zeros(1), jnp.full(1, 50.0), jnp.zeros(1))
         follow = Estimator(device, limits, jnp.zeros((1, 3)))

@@ -63,6 +63,7 @@ class AbstractReadout(ABC):
 
 
 _OF_DISC = (("x_mm", 3), ("y_mm", 3), ("force_N", 4))
+_SIGMAS = (("x_sigma_mm", 3), ("y_sigma_mm", 3), ("force_sigma_N", 4))
 
 
 class PadReadout(AbstractReadout):
@@ -71,28 +72,33 @@ class PadReadout(AbstractReadout):
     def __init__(self, config: DeviceConfig):
         """The columns of a pad."""
         volumes = [Column(f"dV{k}_mm3", 3) for k in range(len(config.cavities))]
-        place = [Column(what, digits) for what, digits in _OF_DISC]
+        place = [Column(what, digits) for what, digits in (*_OF_DISC, *_SIGMAS)]
         assert isinstance(config.contact, DiscSettings)  # crossed electrodes and grids go with no other
         most = config.contact.max_contacts
         self._several = range(most if most > 1 else 0)
-        each = [Column(f"contact{c}_{what}", digits) for c in self._several for what, digits in _OF_DISC]
+        of_each = (*_OF_DISC, _SIGMAS[-1])
+        each = [Column(f"contact{c}_{what}", digits) for c in self._several for what, digits in of_each]
         self._columns = (Column("contacts", 0), *place, *each, *volumes, Column("residual", 3))
         self._direction = np.array(config.contact.direction)
 
     @property
     def columns(self):
-        """Contacts, middle and sum of the forces, each contact, volumes, residual [mm³]."""
+        """Contacts, middle and sum of the forces and how sure they are, each contact, volumes, residual
+        [mm³].
+        """
         return self._columns
 
     def read(self, now, state):
         """In mm, N and mm³."""
         del state
         place = [1e3 * float(x) for x in now.centre_m[:2]]
+        sure = [*(1e3 * float(x) for x in now.centre_sigma_m), now.force_sigma_N]
         volumes = [1e9 * float(v) for v in now.reading]
         each = []
         for c in self._several:
-            each += [*(1e3 * float(x) for x in now.location_m[c, :2]), float(now.contact_force_N[c])]
-        return [now.contacts, *place, now.force_N, *each, *volumes, 1e9 * now.residual]
+            force, sigma = float(now.contact_force_N[c]), float(now.contact_sigma_N[c])
+            each += [*(1e3 * float(x) for x in now.location_m[c, :2]), force, sigma]
+        return [now.contacts, *place, now.force_N, *sure, *each, *volumes, 1e9 * now.residual]
 
     def forces(self, now, state):
         """At its place on the body at rest, along the direction in which the contact pushes."""
@@ -109,7 +115,10 @@ class PadReadout(AbstractReadout):
         return now.details.image.T[::-1]
 
 
-_OF_CONTACT = (("electrode", None), ("x_mm", 3), ("y_mm", 3), ("z_mm", 3), ("force_N", 4))
+_OF_CONTACT = (
+    *(("electrode", None), ("x_mm", 3), ("y_mm", 3), ("z_mm", 3)),
+    *(("force_N", 4), ("force_sigma_N", 4)),
+)
 
 
 class FingerReadout(AbstractReadout):
@@ -127,7 +136,7 @@ class FingerReadout(AbstractReadout):
         self._columns = (
             Column("contacts", 0),
             *(Column(f"contact{c}_{what}", digits) for c in contacts for what, digits in _OF_CONTACT),
-            Column("force_N", 4),
+            *(Column("force_N", 4), Column("force_sigma_N", 4)),
             *(Column(f"cable{k}_{unit}", digits) for k in cables for unit, digits in (("mm", 3), ("N", 4))),
             *(Column(f"pressure{k}_{what}", 2) for k in cavities for what in ("Pa", "misfit_Pa")),
             *(Column(f"{name}_{axis}_mm", 3) for name in points for axis in "xyz"),
@@ -170,9 +179,10 @@ class FingerReadout(AbstractReadout):
     def values(self, seen: FingerFrame) -> list[Value]:
         """The values of the columns for a frame."""
         now, posture, values = seen.now, seen.posture, []
-        for e, place, force in zip(seen.electrode, seen.place_m, now.contact_force_N, strict=True):
-            values += ["" if e == NOWHERE else self._electrodes[e], *1e3 * place, force]
-        values.append(now.force_N)
+        forces = zip(now.contact_force_N, now.contact_sigma_N, strict=True)
+        for e, place, force in zip(seen.electrode, seen.place_m, forces, strict=True):
+            values += ["" if e == NOWHERE else self._electrodes[e], *1e3 * place, *force]
+        values += [now.force_N, now.force_sigma_N]
         for shorter, tension in zip(
             posture.answers[: self._cables], now.attached[: self._cables], strict=True
         ):

@@ -140,7 +140,8 @@ class LiveStep:
                     "contact, then for each attached load"
                 )
             readings = jnp.zeros(device.readings)
-            self._frames = Packing.of((limits, Observation(readings, readings, places)))
+            seen = Observation(readings, jnp.zeros((device.readings, device.readings)), places)
+            self._frames = Packing.of((limits, seen))
             self._reports = Packing.of(_report_like(device, drive))
             on = lowered(_known if static.linear.knows else _begun, static, arrays, rest.result, places)
             goes_on = aside.submit(on.compile)
@@ -209,5 +210,5 @@ def _report_like(device: Device, drive: jax.ShapeDtypeStruct) -> Stepped:
     """What `Stepped` is like, by shapes."""
     k, drives = device.readings, drive.shape[0]
     number = jnp.zeros(())
-    vector, matrix = jnp.zeros(k), jnp.zeros((k, drives))
-    return Stepped(jnp.zeros(drives), StepReport(vector, matrix, *[number] * 6))
+    misfit, w, information = jnp.zeros(k), jnp.zeros((k, drives)), jnp.zeros((drives, drives))
+    return Stepped(jnp.zeros(drives), StepReport(misfit, w, information, *[number] * 6))

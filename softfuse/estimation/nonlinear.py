@@ -1,7 +1,7 @@
 """The converged estimate: drives whose equilibrium explains the readings best, and its implicit derivative.
 
-u* = argmin Σ_i ((s_i(u) − s_measured,i) / σ_i)², u_min ≤ u ≤ u_max, with s(u) through the full equilibrium,
-by Gauss-Newton steps on W = jacfwd s. On the unbounded drives h(u, θ) = Wᵀ R⁻¹ (s − s_measured) = 0 holds for
+u* = argmin |L⁻¹ (s(u) − s_measured)|², u_min ≤ u ≤ u_max, with s(u) through the full equilibrium, S = L Lᵀ,
+by Gauss-Newton steps on W = jacfwd s. On the unbounded drives h(u, θ) = Wᵀ S⁻¹ (s − s_measured) = 0 holds for
 all θ, hence du = −(∂h/∂u)⁻¹ ∂h/∂θ dθ: exact in every parameter θ of device, measurement and place, second
 derivatives of the body included.
 """
@@ -42,7 +42,7 @@ def _misfit(device: Device, seen: Observation, start: State, drive: Float[Array,
 
     # One equilibrium for both.
     w, value = jax.jacfwd(read, has_aux=True)(drive)
-    return _Misfit(w, w.T @ jnp.where(seen.weight > 0, (value - seen.reading) * seen.weight**2, 0.0))
+    return _Misfit(w, (seen.whitening @ w).T @ seen.heard(value - seen.reading))
 
 
 @eqx.filter_custom_jvp
@@ -52,7 +52,7 @@ def _converged(device: Device, seen: Observation, limits: Limits, start: State, 
     def improve(carry):
         drive, _, count = carry
         at = _misfit(device, seen, start, drive)
-        whitened = at.compliance * seen.weight[:, None]
+        whitened = seen.whitening @ at.compliance
         q = whitened.T @ whitened + jnp.diag(limits.regularisation)
         change, _ = solve_bounded_qp(q, -at.slope, limits.lower - drive, limits.upper - drive)
         return drive + change, jnp.any(jnp.abs(change) > tolerance), count + 1

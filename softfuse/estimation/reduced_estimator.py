@@ -131,7 +131,7 @@ class ReducedEstimator:
             if pressed.any():
                 # Who does not press is anywhere, but has to be where the chart is.
                 places = np.where(pressed.reshape(-1, *[1] * (places.ndim - 1)), places, places[pressed][0])
-            near = Observation.on_host(seen.reading, seen.weight, places)
+            near = Observation.on_host(seen.reading, seen.whitening, places)
             if self._taken(number, near.places):
                 before = self._small.state
                 found = self._small.update(near, limits)

@@ -8,9 +8,10 @@ and the linear system around them,
 gives the equilibrium's correction at δu = 0, z₀, and the sensitivity t = dz/du of each drive. With W = ∂s/∂z
 t and the innovation e = s_measured − s(z₀),
 
-    Δu = argmin Σ_i (e_i − (W Δu)_i)² / σ_i² + Σ_j ε_j Δu_j²   subject to u_min ≤ u + Δu ≤ u_max
+    Δu = argmin |L⁻¹ (e − W Δu)|² + Σ_j ε_j Δu_j²   subject to u_min ≤ u + Δu ≤ u_max
 
-and, where strokes c(z, x) are limited, c_min ≤ c + (dc/du) Δu ≤ c_max;
+with the readings' covariance S = L Lᵀ, and, where strokes c(z, x) are limited, c_min ≤ c + (dc/du) Δu ≤
+c_max;
 
 then z = z₀ + t Δu. Where a contact's place is its forces' (`Limits.place`), a term (Σ a_i F_i)² / (σ_p F)² of
 each joins the sum, a_i the forces' arms about the middle and F the contact's force before the step. ε damps
@@ -50,34 +51,41 @@ _LEAST_FORCE_N = 0.05
 
 
 class Observation(NamedTuple):
-    """What the sensors say in one frame: readings since rest (k,) in SI, their weights 1/σ (k,) (0: ignore),
-    and the places (c, ...) of contacts.
+    """What the sensors say in one frame: readings since rest (k,) in SI, L⁻¹ (k, k) that makes their errors
+    standard normal (a column of zeros: ignore), and the places (c, ...) of contacts.
     """
 
     reading: Float[Array, " k"]
-    weight: Float[Array, " k"]
+    whitening: Float[Array, "k k"]
     places: Array
 
     @classmethod
-    def on_host(cls, reading: Any, weight: Any, places: Any) -> "Observation":
+    def on_host(cls, reading: Any, whitening: Any, places: Any) -> "Observation":
         """Of numpy's arrays, which a live step takes as they are."""
-        return cls(reading, weight, places)
+        return cls(reading, whitening, places)
+
+    def heard(self, innovation: Float[Array, " k"]) -> Float[Array, " k"]:
+        """An innovation (k,) whitened, without what is to be ignored, which may be no number."""
+        ignored = jnp.all(self.whitening == 0, axis=0)
+        return self.whitening @ jnp.where(ignored, 0.0, innovation)
 
 
 class StepReport(NamedTuple):
     """How good a step was.
 
-    `misfit` (k,): measured minus modelled reading after it; `compliance` (k, D): W; `kkt`: optimality of the
-    QP, in units of the drives; `taken` [-]: the part of the QP's step that was taken, below 1 where it was
-    shortened to `Limits.motion`; `unbalanced` [N]: largest nodal force out of balance before it;
-    `contraction` [-]: by how much the first refinement shrank the error of the linear solves (of a live step
-    without refinements: how far the next one goes for what this one left out of balance, as a part of it);
-    `least_volume_ratio` [-]: smallest det F after it; `truncation` [-]: what part of a reduced body's state
-    its last modes are.
+    `misfit` (k,): measured minus modelled reading after it; `compliance` (k, D): W; `information` (D, D):
+    half the second derivative of the QP's cost, the inverse covariance of drives that are within their
+    limits; `kkt`: optimality of the QP, in units of the drives; `taken` [-]: the part of the QP's step that
+    was taken, below 1 where it was shortened to `Limits.motion`; `unbalanced` [N]: largest nodal force out of
+    balance before it; `contraction` [-]: by how much the first refinement shrank the error of the linear
+    solves (of a live step without refinements: how far the next one goes for what this one left out of
+    balance, as a part of it); `least_volume_ratio` [-]: smallest det F after it; `truncation` [-]: what part
+    of a reduced body's state its last modes are.
     """
 
     misfit: Float[Array, " k"]
     compliance: Float[Array, "k D"]
+    information: Float[Array, "D D"]
     kkt: Float[Array, ""]
     taken: Float[Array, ""]
     unbalanced: Float[Array, ""]
@@ -192,9 +200,9 @@ def advance(
     value, read = jax.linearize(device.reading, settled_at)
     w = jax.vmap(read, 0, 1)(along)
     innovation = seen.reading - value
-    whitened = w * seen.weight[:, None]
+    whitened = seen.whitening @ w
     hessian = whitened.T @ whitened + jnp.diag(limits.regularisation)
-    b = whitened.T @ jnp.where(seen.weight > 0, innovation * seen.weight, 0.0)
+    b = whitened.T @ seen.heard(innovation)
     if limits.place is not None:
         around = _place_rows(device, limits.place, seen.places, state.drive)
         hessian, b = hessian + around.T @ around, b - around.T @ (around @ state.drive)
@@ -213,6 +221,7 @@ def advance(
     report = StepReport(
         innovation - w @ change,
         w,
+        hessian,
         kkt,
         taken,
         jnp.max(jnp.abs(body.forces(linear.unbalanced))),

@@ -151,6 +151,7 @@ class FingerSenses(AbstractSenses):
             clear=clear,
             places=places,
             location_m=jnp.where(pressing[:, None], self.middle_m[places], jnp.nan),
+            location_sigma_m=jnp.full((self.contacts, 2), jnp.nan),
             flags=flags,
             details=FingerMeasurement(pressure, touch, cable),
         )

@@ -65,6 +65,7 @@ class PadSenses(AbstractSenses):
             Status.volume_unknown: located & inside & ~known,
         }
         place = jnp.append(location, 0.0)
+        deviation = jnp.sqrt(jnp.diagonal(seen.location_covariance_m2))
         return state, Sensed(
             reading=seen.volume_change_m3,
             sigma=seen.volume_sigma_m3,
@@ -74,6 +75,7 @@ class PadSenses(AbstractSenses):
             clear=~touching,
             places=place[None],
             location_m=jnp.where(located, place, jnp.nan)[None],
+            location_sigma_m=jnp.where(located, deviation, jnp.nan)[None],
             flags=flags,
             details=seen,
         )

@@ -28,6 +28,8 @@ class Sensed(NamedTuple):
     """(c, ...) places as the device's contact wants them."""
     location_m: Float[Array, "c 3"]
     """(c, 3) middles of the contacts on the body at rest; NaN where unknown or where nothing touches [m]."""
+    location_sigma_m: Float[Array, "c 2"]
+    """(c, 2) standard deviations of their x and y; NaN where unknown [m]."""
     flags: dict[Status, Bool[Array, ""]]
     """What is to be said about the frame, and whether it is."""
     details: Any

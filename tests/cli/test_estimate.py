@@ -9,8 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.config import load
-
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz"
 FRAMES = 330
@@ -54,7 +52,17 @@ def rows(results: Path) -> list[dict[str, str]]:
 def test_every_frame_has_a_row_with_the_agreed_columns(rows: list[dict[str, str]]) -> None:
     assert len(rows) == FRAMES
     volumes = [f"dV{k}_mm3" for k in range(4)]
-    head = ["time_s", "contacts", "x_mm", "y_mm", "force_N", *volumes]
+    head = [
+        "time_s",
+        "contacts",
+        "x_mm",
+        "y_mm",
+        "force_N",
+        "x_sigma_mm",
+        "y_sigma_mm",
+        "force_sigma_N",
+        *volumes,
+    ]
     assert list(rows[0]) == [*head, "residual", "latency_ms", "status"]
     assert all(row["status"] and float(row["latency_ms"]) > 0 for row in rows)
 
@@ -102,16 +110,6 @@ def test_the_report_is_whole(results: Path) -> None:
     assert text.count("data:image/png;base64,") == 7
     assert "http" not in text
     assert (results / "shape_00.vtu").stat().st_size > 1000
-
-
-def test_calibration_writes_a_config_with_another_stiffness(
-    code_of: Callable[..., int], tmp_path: Path, coarse: Path, faulty: Path, results: Path
-) -> None:
-    out = tmp_path / "fitted.toml"
-    assert code_of("calibrate", coarse, faulty, "--presses", "0-4", "--out", out, "--quiet") == 0
-    sample = json.loads((results / "summary.json").read_text())["force_error_percent"]["all"]["mean"]
-    factor = load(out).body.materials[0].young / 0.6e6
-    assert abs(1 / factor - 1) == pytest.approx(sample / 100, rel=1e-3)
 
 
 @pytest.mark.parametrize(

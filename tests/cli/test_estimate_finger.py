@@ -92,7 +92,9 @@ def test_every_frame_has_a_row_with_the_agreed_columns(
     rows: list[dict[str, str]], truth: list[dict[str, str]]
 ) -> None:
     contacts = [
-        f"contact{c}_{what}" for c in range(2) for what in ("electrode", "x_mm", "y_mm", "z_mm", "force_N")
+        f"contact{c}_{what}"
+        for c in range(2)
+        for what in ("electrode", "x_mm", "y_mm", "z_mm", "force_N", "force_sigma_N")
     ]
     pressures = [f"pressure{k}_{what}" for k in range(6) for what in ("Pa", "misfit_Pa")]
     points = [f"{name}_{axis}_mm" for name in POINTS for axis in "xyz"]
@@ -100,7 +102,7 @@ def test_every_frame_has_a_row_with_the_agreed_columns(
     assert list(rows[0]) == [
         *("time_s", "contacts"),
         *contacts,
-        *("force_N", "cable0_mm", "cable0_N"),
+        *("force_N", "force_sigma_N", "cable0_mm", "cable0_N"),
         *pressures,
         *points,
         *bending,
@@ -230,7 +232,9 @@ def test_without_truth_there_is_no_evaluation(tmp_path: Path, coarse: Path) -> N
                 0.1 * k,
                 nothing > 0,
                 np.full((2, 3), np.nan),
+                np.full((2, 2), np.nan),
                 nothing,
+                np.diag(nothing),
                 np.zeros(7),
                 *readings,
                 details,

@@ -65,7 +65,7 @@ def reached():
 
     @eqx.filter_jit
     def go(device, limits, reading, weight):
-        seen = Observation(reading, weight, NOWHERE)
+        seen = Observation(reading, jnp.diag(weight), NOWHERE)
         return exact_steps(device, limits, device.rest_state(NOWHERE), seen, steps=STEPS)
 
     return go
@@ -165,7 +165,7 @@ def test_pushes_on_two_sides_are_told_apart(robot: Robot) -> None:
     @eqx.filter_jit
     def found(device):
         seen = device.reading(simulate(device, places, true).state)
-        observation = Observation(seen, jnp.array([1e4, 1e4, 1e4, 0.0, 0.0]), places)
+        observation = Observation(seen, jnp.diag(jnp.array([1e4, 1e4, 1e4, 0.0, 0.0])), places)
         return seen, exact_steps(device, limits, device.rest_state(places), observation, steps=STEPS)[0]
 
     seen, state = found(device)
@@ -193,7 +193,7 @@ def test_a_contact_is_in_the_middle_of_its_place_unless_the_readings_say_otherwi
 
     @eqx.filter_jit
     def found(weight):
-        seen = Observation(target, weight, place)
+        seen = Observation(target, jnp.diag(weight), place)
         state, report = exact_steps(device, limits, device.rest_state(place), seen, steps=STEPS)
         return state.drive, report.misfit
 

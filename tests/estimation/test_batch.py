@@ -73,8 +73,8 @@ def test_batch_split_over_devices_is_each_alone(alone: np.ndarray) -> None:
 @pytest.mark.slow
 def test_batch_of_estimates_is_each_alone(plain_device: Device, alone: np.ndarray, one) -> None:
     """Estimates from rest, one of which needs the force's bound."""
-    weight = jnp.full((len(PLACES), alone.shape[1]), 1e9)
-    seen = Observation(jnp.asarray(alone).at[4].set(1e-9), weight, PLACES)
+    whitening = jnp.tile(1e9 * jnp.eye(alone.shape[1]), (len(PLACES), 1, 1))
+    seen = Observation(jnp.asarray(alone).at[4].set(1e-9), whitening, PLACES)
     rest = plain_device.rest_state(PLACES[0])
 
     def estimate(shared, seen):

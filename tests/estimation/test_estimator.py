@@ -20,8 +20,8 @@ def estimator(device, one) -> Estimator:
 def press(device, volumes_under) -> list[Observation]:
     """A press from 0 to 9 N in 40 frames, with the volumes of the equilibria."""
     force = np.minimum(np.linspace(0, 12, 40), 9.0)
-    weight = jnp.full(2, 1e9)
-    return [Observation(volumes_under(device, AT, jnp.array([f])), weight, AT) for f in force]
+    whitening = 1e9 * jnp.eye(2)
+    return [Observation(volumes_under(device, AT, jnp.array([f])), whitening, AT) for f in force]
 
 
 def test_it_follows_a_press(estimator: Estimator, press: list[Observation]) -> None:
@@ -60,7 +60,7 @@ def test_a_reset_forgets(estimator: Estimator, press: list[Observation]) -> None
 def test_volumes_that_no_force_explains_leave_a_finite_state(estimator: Estimator, press) -> None:
     estimator.reset()
     for change in (jnp.full(2, -1e-3), jnp.full(2, jnp.nan), jnp.full(2, 1e-3)):
-        found = estimator.update(Observation(change, jnp.full(2, 1e9), AT))
+        found = estimator.update(Observation(change, 1e9 * jnp.eye(2), AT))
         assert found.lost or np.all(np.isfinite(found.drive))
         assert bool(jnp.all(jnp.isfinite(estimator.state.z)))
     estimator.reset()

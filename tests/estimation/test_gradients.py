@@ -124,7 +124,7 @@ def test_estimated_force(pulled: Device) -> None:
     weight = jnp.array([0.0, 0.0, 0.0, 1 / 5e-5, 0.2, 0.2])
 
     def estimated(given: Given) -> jnp.ndarray:
-        seen = Observation(reading.at[3].add(given.shortened - SHORTENED), weight, PLACE)
+        seen = Observation(reading.at[3].add(given.shortened - SHORTENED), jnp.diag(weight), PLACE)
         return nonlinear_estimate(_with(pulled, given), limits, start, seen).drive[:2]
 
     np.testing.assert_allclose(jax.jit(estimated)(AT), [FORCE, 3.0], rtol=1e-6)

@@ -54,7 +54,7 @@ def pressed(device: Device, one: Limits, settings: StepSettings = DEFAULT_STEPS)
     following = Estimator(device, one, AT, settings)
     found = []
     for part in np.linspace(0, 1, 12):
-        seen = Observation(part * jnp.array([-1e-8, -4e-7]), jnp.full(2, 1e9), AT)
+        seen = Observation(part * jnp.array([-1e-8, -4e-7]), 1e9 * jnp.eye(2), AT)
         estimate = following.update(seen)
         found += map(np.asarray, [*jax.tree.leaves(estimate.report), following.state.z, estimate.drive])
     return found

@@ -65,7 +65,7 @@ def full(device: Device, one) -> Estimator:
 def seen_at(device: Device, volumes_under, x: float, y: float, force: float) -> Observation:
     """The volumes of an equilibrium, x, y in mm."""
     place = jnp.array([[x * MM, y * MM, 0.0]])
-    return Observation(volumes_under(device, place, jnp.array([force])), jnp.full(2, 1e9), place)
+    return Observation(volumes_under(device, place, jnp.array([force])), 1e9 * jnp.eye(2), place)
 
 
 def test_it_follows_a_contact_from_cell_to_cell_as_the_full_body_does(
@@ -107,7 +107,7 @@ def test_a_contact_that_does_not_press_stays_on_the_chart(device, estimator, vol
     for _ in range(20):
         place = np.array([[-14.5 * MM, 0.5 * MM, 0.0]]) + random.normal(0, 0.02 * MM, (1, 3)) * [1, 1, 0]
         noise = random.normal(0, 1e-10, 2)
-        found = estimator.update(Observation(jnp.asarray(noise), jnp.full(2, 1e9), jnp.asarray(place)))
+        found = estimator.update(Observation(jnp.asarray(noise), 1e9 * jnp.eye(2), jnp.asarray(place)))
         assert not found.corrected
         assert found.drive[0] < 0.2
 

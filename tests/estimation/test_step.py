@@ -24,7 +24,7 @@ STEPS = 6
 
 
 def _observation(change, at=AT) -> Observation:
-    return Observation(change, jnp.full(len(change), 1e9), at)
+    return Observation(change, 1e9 * jnp.eye(len(change)), at)
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_force_limits_hold(device, stepped, converged, seen) -> None:
 
 def test_a_cavity_without_weight_is_ignored(device, volumes_under, stepped, one) -> None:
     change = volumes_under(device, AT, TRUE)
-    broken = Observation(change.at[1].set(jnp.nan), jnp.array([1e9, 0.0]), AT)
+    broken = Observation(change.at[1].set(jnp.nan), jnp.diag(jnp.array([1e9, 0.0])), AT)
     np.testing.assert_allclose(stepped(device, one, broken)[0].drive, TRUE, rtol=1e-7)
 
 
@@ -96,7 +96,7 @@ def _parameters(device, seen, factor, shift, extra):
     softer = eqx.tree_at(
         lambda d: d.body.materials, device, jax.tree.map(lambda leaf: factor * leaf, device.body.materials)
     )
-    moved = Observation(seen.reading.at[0].add(extra), seen.weight, seen.places.at[0, 0].add(shift))
+    moved = Observation(seen.reading.at[0].add(extra), seen.whitening, seen.places.at[0, 0].add(shift))
     return softer, moved
 
 
@@ -137,3 +137,32 @@ def test_two_contacts_at_once(device) -> None:
         lambda d, seen: exact_steps(d, limits, d.rest_state(seen.places), seen, steps=STEPS)
     )(device, _observation(change, places))
     np.testing.assert_allclose(state.drive, true, rtol=1e-7)
+
+
+def test_readings_that_err_together_are_weighed_together(device, volumes_under, stepped, one) -> None:
+    """What errs alike in both volumes must not move the force, where the difference of the two tells it."""
+    change = volumes_under(device, AT, TRUE)
+    common = jnp.array([1.0, 1.0])
+    covariance = 1e-20 * jnp.eye(2) + 1e-12 * jnp.outer(common, common)
+    white = jnp.linalg.inv(jnp.linalg.cholesky(covariance))
+    state, _ = stepped(device, one, Observation(change + 3e-9 * common, white, AT))
+    np.testing.assert_allclose(state.drive, TRUE, rtol=1e-5)
+    plain, _ = stepped(device, one, _observation(change + 3e-9 * common))
+    assert abs(float(plain.drive[0]) - 6.0) > 0.05
+
+
+@pytest.mark.slow
+def test_forces_scatter_by_what_the_information_says(device, volumes_under, stepped, one) -> None:
+    change = volumes_under(device, AT, TRUE)
+    covariance = 1e-18 * jnp.array([[4.0, 1.5], [1.5, 1.0]])
+    factor = jnp.linalg.cholesky(covariance)
+    white = jnp.linalg.inv(factor)
+    noise = np.random.default_rng(3).normal(size=(300, 2))
+    drives = []
+    for each in noise:
+        state, report = stepped(device, one, Observation(change + factor @ each, white, AT))
+        drives.append(float(state.drive[0]))
+    sigma = float(report.information[0, 0]) ** -0.5
+    # Three standard deviations of a standard deviation from 300 draws: 12 %.
+    np.testing.assert_allclose(np.std(drives), sigma, rtol=0.12)
+    assert abs(np.mean(drives) - 6.0) < 4 * sigma / np.sqrt(300)

@@ -105,7 +105,7 @@ def found(config: DeviceConfig) -> Found:
 def _force_of(tracker: Tracker, at: np.ndarray, volume: np.ndarray) -> float:
     """What the estimator finds, iterated, for exact volumes (4,) m³ at a place (2,) m."""
     tracker.reset()
-    seen = Observation(jnp.asarray(volume), jnp.full(4, 1e9), jnp.array([[*at, 0.0]]))
+    seen = Observation(jnp.asarray(volume), 1e9 * jnp.eye(4), jnp.array([[*at, 0.0]]))
     for _ in range(4):
         drive = tracker.estimator.update(seen, LIMITS).drive
     return float(drive[0])

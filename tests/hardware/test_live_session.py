@@ -48,8 +48,11 @@ class Follower:
         time.sleep(self.seconds)
         self.estimated.append(self.sensed[-1])
         nothing = np.zeros(0)
+        place, sure, covariance = (np.zeros((0, n)) for n in (3, 2, 0))
         tracked = Tracked(
-            0.0, nothing > 0, nothing.reshape(0, 3), *[nothing] * 5, None, (Status.ok,), self.seconds
+            0.0,
+            *(nothing > 0, place, sure, nothing, covariance, *[nothing] * 4),
+            *(None, (Status.ok,), self.seconds),
         )
         return tracked, {"seen": self.sensed[-1]}
 

@@ -182,7 +182,7 @@ def test_an_inverse_is_made_where_none_is_known_that_converges(device, taught) -
         renewed = 0
         for part in np.linspace(0.02, 1.0, 50):
             reading = device.reading(simulate(device, at(*place), jnp.array([part * force])).state)
-            told = estimator.update(Observation(reading, jnp.full(device.readings, 1e9), at(*place)))
+            told = estimator.update(Observation(reading, 1e9 * jnp.eye(device.readings), at(*place)))
             renewed += told.renewed
         found[name] = told.drive[0], renewed
     assert found["all"][1] == 0 < found["too stiff"][1] < 15
@@ -259,7 +259,7 @@ def test_the_estimator_finds_forces_with_it_unchanged(device, taught) -> None:
     (place, force), limits = UNSEEN[1], Limits(jnp.zeros(1), jnp.array([12.0]), jnp.array([1e-6]))
     reading = device.reading(simulate(device, at(*place), jnp.array([force])).state)
     estimator = Estimator(taught.device, limits, at(*place))
-    seen = Observation(reading, jnp.full(device.readings, 1e9), at(*place))
+    seen = Observation(reading, 1e9 * jnp.eye(device.readings), at(*place))
     for _ in range(8):
         found = estimator.update(seen)
     assert found.drive[0] == pytest.approx(force, rel=1e-2)

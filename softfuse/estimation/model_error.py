@@ -1,0 +1,55 @@
+"""By how much measured and modelled readings may differ: the sensors' noise, what the model misses, and what
+it does not know of its parameters.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from softfuse.estimation.reading_spread import ReadingSpread
+
+FLOOR = 0.03
+"""A reading that is smaller than this part of the largest one is missed as if it were that large."""
+
+
+def missed(reading: Float[np.ndarray, "*s k"], part: float) -> Float[np.ndarray, "*s k"]:
+    """Standard deviations (..., k) of what the model misses of readings (..., k), in their unit: a part [-]
+    of √(y² + (φ y_max)²). A reading that is NaN counts as 0.
+    """
+    size = np.nan_to_num(np.abs(reading))
+    return part * np.hypot(size, FLOOR * size.max(axis=-1, keepdims=True))
+
+
+@dataclass(frozen=True, eq=False)
+class ModelError:
+    """`part` [-] of a reading by which the model may be wrong, and the spread of its parameters, if known."""
+
+    part: float = 0.0
+    spread: ReadingSpread | None = None
+
+    def covariance(
+        self,
+        reading: Float[np.ndarray, " k"],
+        sigma: Float[np.ndarray, " k"],
+        places: np.ndarray,
+        place_sigma_m: Float[np.ndarray, "c 2"],
+        force_N: Float[np.ndarray, " c"],
+    ) -> Float[np.ndarray, "k k"]:
+        """Covariance (k, k) of measured minus modelled readings (k,) with sensors' noise (k,), under contacts
+        at places (c, ...), known to (c, 2) m, with forces (c,) N.
+        """
+        covariance = np.diag(sigma**2 + missed(reading, self.part) ** 2)
+        if self.spread is not None:
+            covariance += self.spread.covariance(places, place_sigma_m, force_N)
+        return covariance
+
+
+def whitening(
+    covariance: Float[np.ndarray, "k k"], valid: Bool[np.ndarray, " k"]
+) -> Float[np.ndarray, "k k"]:
+    """L⁻¹ (k, k) of the covariance L Lᵀ of the valid readings (k,), zeros for the others."""
+    inverse = np.zeros_like(covariance)
+    on = np.ix_(valid, valid)
+    inverse[on] = np.linalg.inv(np.linalg.cholesky(covariance[on]))
+    return inverse
