@@ -1,61 +1,96 @@
-"""softfuse calibrate: fit the stiffness of a device to presses of known force."""
+"""softfuse calibrate: fit a device to presses of known place and force, with what it is sure of."""
 
 import re
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
+from jaxtyping import Int
 
-from softfuse.calibration.stiffness import fit_stiffness
-from softfuse.cli.recorded import sample_frames, samples_at, sensor_columns, sensor_frames
-from softfuse.cli.terminal import Quiet, busy, stdout, tracked
-from softfuse.config import load, save_edited, stiffness_edits
+from softfuse.calibration.fit import Fit, fit
+from softfuse.calibration.grid import Grid
+from softfuse.calibration.next_press import gain
+from softfuse.calibration.presses import Adjustable, Presses
+from softfuse.cli.calibration_report import Calibrated, Further, tell, write_report
+from softfuse.cli.recorded import sample_frames, sensor_columns, sensor_frames
+from softfuse.cli.terminal import Quiet, busy, counted, stdout, tracked
+from softfuse.config import DeviceConfig, load, save_edited
+from softfuse.config.build_calibration import build_adjustments, calibrated_edits
 from softfuse.config.build_device import build_device
-from softfuse.config.build_tracker import build_tracker
+from softfuse.config.build_mesh import build_mesh
+from softfuse.config.build_tracker import build_senses
+from softfuse.config.contact import DiscSettings
 from softfuse.errors import RecordingError, SoftfuseError
+from softfuse.estimation.compiled_senses import CompiledSenses
+from softfuse.estimation.reading_spread import write_spread
 from softfuse.hardware.recording import Recording, read_recording
-from softfuse.sensing.status import Status
+from softfuse.sensing.senses import Sensed
 
 
 def calibrate(
     config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
-    recording: Annotated[Path, typer.Argument(help="Recording with truth columns (.csv or .csv.gz).")],
-    out: Annotated[Path, typer.Option(help="Configuration to write.")],
+    recordings: Annotated[
+        list[Path], typer.Argument(help="Recordings with truth columns (.csv or .csv.gz).")
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Configuration to write; beside it go what is uncertain, as .npz, and a report, as .html."
+        ),
+    ],
     presses: Annotated[
         str | None, typer.Option(help="Values of the column `press` to use, such as 0-4; default: all.")
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Fit one factor on all moduli to the true forces of a recording."""
+    """Fit stiffness, contact, cavities and sensors to presses of known place and force."""
     settings = load(config)
-    frames = read_recording(recording, sensor_columns(settings))
-    at = _chosen_frames(frames, presses)
+    _check_out(out)
+    read = [read_recording(path, sensor_columns(settings)) for path in recordings]
+    chosen = [_chosen_frames(recording, presses) for recording in read]
     with busy("meshing", quiet=quiet):
-        device = build_device(settings)
-    with busy("compiling", quiet=quiet):
-        tracker = build_tracker(settings, device)
-    last = int(at.max()) + 1
-    found = [
-        tracker.update(frame)
-        for frame in tracked(sensor_frames(settings, frames)[:last], "estimating", total=last, quiet=quiet)
-    ]
-    samples = samples_at(frames, found, at)
-    # A force at its limit says only that the true one is no smaller.
-    limited = np.array([Status.force_limit in found[i].statuses for i in at])
-    fit = fit_stiffness(np.where(limited, np.nan, samples.force_N), samples.true_force_N)
-    save_edited(config, out, stiffness_edits(settings, fit.factor))
+        mesh = build_mesh(settings)
+        device = build_device(settings, mesh)
+        adjustments = build_adjustments(settings, device, mesh)
+    known, called = _known_presses(settings, read, chosen, quiet=quiet)
+    adjustable = Adjustable(device, adjustments)
+    with counted("fitting", "presses simulated", quiet=quiet) as simulated:
+        found = fit(adjustable, known, seen=simulated)
+    assert isinstance(settings.contact, DiscSettings)  # build_adjustments has told
+    area = settings.contact.workspace
+    grid = Grid.over(area.x, area.y, float(known.force_N.max()))
+    with counted("looking over the workspace", "presses simulated", quiet=quiet) as simulated:
+        answer = adjustable.answer(found.value, grid.place_m, grid.force_N, seen=simulated)
+    spread_path = out.with_suffix(".npz")
+    write_spread(spread_path, grid.spread(answer, found.covariance), **_posterior(found))
+    edits = {
+        **calibrated_edits(settings, device, adjustments, found.value),
+        ("estimator", "model_error"): float(f"{found.discrepancy.part:.4g}"),
+        ("estimator", "reading_spread"): spread_path.name,
+    }
+    save_edited(config, out, edits)
+    noise = float(np.median(known.sigma[known.told]))
+    further = Further(grid.place_m, grid.force_N, gain(found, answer, noise))
+    calibrated = Calibrated(settings, known, called, found, further)
+    write_report(out.with_suffix(".html"), calibrated)
     if not quiet:
-        stdout.print(
-            f"moduli times {fit.factor:.4f} ± {fit.standard_error:.4f} from {fit.n} samples\n"
-            f"written to {out}",
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
-        )
+        files = ", ".join(str(out.with_suffix(kind)) for kind in (".npz", ".html"))
+        lines = [*tell(calibrated), f"written to {out}, {files}"]
+        stdout.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
 
 
-def _chosen_frames(recording: Recording, presses: str | None) -> np.ndarray:
+def _check_out(out: Path) -> None:
+    # Before minutes of work, not after them.
+    if out.suffix != ".toml":
+        raise SoftfuseError(f"--out {out}: give a file that ends with .toml")
+    if not out.parent.is_dir():
+        raise SoftfuseError(f"--out {out}: there is no folder {out.parent}")
+
+
+def _chosen_frames(recording: Recording, presses: str | None) -> Int[np.ndarray, " s"]:
     at = sample_frames(recording)
     if not at.size:
         raise RecordingError(
@@ -81,3 +116,59 @@ def parse_presses(text: str) -> set[int]:
         first = int(ends[1])
         wanted |= set(range(first, int(ends[2] or first) + 1))
     return wanted
+
+
+def _known_presses(
+    settings: DeviceConfig, recordings: list[Recording], chosen: list[Int[np.ndarray, " s"]], *, quiet: bool
+) -> tuple[Presses, dict[int, str]]:
+    """The samples of all recordings, and what to call their presses: those of different recordings are
+    different ones.
+    """
+    parts, called = [], dict[int, str]()
+    with ThreadPoolExecutor(1) as aside:
+        senses = CompiledSenses(build_senses(settings), aside)
+        for recording, at in zip(recordings, chosen, strict=True):
+            last = int(at.max()) + 1
+            frames = sensor_frames(settings, recording)[:last]
+            senses.reset()
+            sensed = [
+                senses.update(frame.time_s, frame.readings)
+                for frame in tracked(frames, "sensing", total=last, quiet=quiet)
+            ]
+            known = _samples(recording, at, [sensed[i].sensed for i in at])
+            names, number = np.unique(known.press, return_inverse=True)
+            where = f" of {recording.path.name}" if len(recordings) > 1 else ""
+            parts.append(replace(known, press=number + len(called)))
+            called |= {
+                k + len(called): f"{name if name >= 0 else 'without number'}{where}"
+                for k, name in enumerate(names)
+            }
+    fields = ("place_m", "force_N", "reading", "sigma", "press")
+    return Presses(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields)), called
+
+
+def _samples(recording: Recording, at: Int[np.ndarray, " s"], sensed: list[Sensed]) -> Presses:
+    columns = recording.columns
+    place = 1e-3 * np.stack([columns["true_x_mm"][at], columns["true_y_mm"][at], 0.0 * at], axis=1)
+    # A sample of no known press is one by itself.
+    press = columns["press"][at] if "press" in columns else np.full(len(at), np.nan)
+    press = np.where(np.isfinite(press), press, -1 - np.arange(len(at)))
+    # What nothing is felt to touch has read nothing.
+    valid = np.array([each.valid & each.touching.any() for each in sensed])
+    return Presses(
+        place,
+        columns["true_force_N"][at],
+        np.array([each.reading for each in sensed]),
+        np.where(valid, np.array([each.sigma for each in sensed]), np.inf),
+        press.astype(int),
+    )
+
+
+def _posterior(found: Fit) -> dict[str, np.ndarray]:
+    """What the file of the spread says of parameters besides."""
+    return {
+        "names": np.array(found.names),
+        "value": found.value,
+        "covariance": found.covariance,
+        "prior_sigma": found.prior_sigma,
+    }

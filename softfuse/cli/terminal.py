@@ -1,8 +1,9 @@
 """What people see: results on stdout; progress, logs and errors on stderr."""
 
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Annotated, TypeVar
 
@@ -63,6 +64,23 @@ def tracked(items: Iterable[T], description: str, *, total: int | None, quiet: b
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=stderr, transient=True, disable=_hidden(quiet)) as progress:
         yield from progress.track(items, total=total, description=description)
+
+
+@contextmanager
+def counted(description: str, what: str, *, quiet: bool) -> Iterator[Callable[[], None]]:
+    """Show how many of something have been done, of which nobody knows how many there will be, and for how
+    long; each call of what is given counts one.
+    """
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[n]}"),
+    )
+    with Progress(*columns, console=stderr, transient=True, disable=_hidden(quiet)) as progress:
+        task = progress.add_task(description, total=None, n="")
+        numbers = count(1)
+        yield lambda: progress.update(task, n=f"{next(numbers)} {what}")
 
 
 def _hidden(quiet: bool) -> bool:

@@ -57,8 +57,8 @@ def flow_sensor(settings: FlowSettings) -> FlowSensor:
         lost_tolerance_s=settings.lost_tolerance,
         lag=settings.lag_frames,
     )
-    zero, sensitivity = (jnp.full(count, value) for value in (settings.zero, settings.sensitivity))
-    return replace(sensor, zero_V=zero, sensitivity_Vs_m3=sensitivity)
+    sensitivity = settings.sensitivity * jnp.broadcast_to(jnp.array(settings.gain), (count,))
+    return replace(sensor, zero_V=jnp.full(count, settings.zero), sensitivity_Vs_m3=sensitivity)
 
 
 def electrode_array(settings: CapacitiveSettings) -> CapacitiveArray:

@@ -11,6 +11,8 @@ from softfuse.config.device import DeviceConfig
 from softfuse.errors import ConfigError
 from softfuse.estimation.atlas import Atlas
 from softfuse.estimation.device import Device
+from softfuse.estimation.model_error import ModelError
+from softfuse.estimation.reading_spread import read_spread
 from softfuse.estimation.tracker import Tracker, TrackerSettings
 from softfuse.sensing.finger_senses import FingerSenses
 from softfuse.sensing.mutual_senses import MutualSenses
@@ -68,6 +70,18 @@ def _finger_senses(config: DeviceConfig) -> FingerSenses:
     )
 
 
+def build_model_error(config: DeviceConfig) -> ModelError:
+    """By how much the config's model may be wrong; raises SoftfuseError when the file of its spread is not
+    that of such a device.
+    """
+    path, part = config.estimator.reading_spread, config.estimator.model_error
+    if path is None:
+        return ModelError(part)
+    if not isinstance(config.contact, DiscSettings):
+        raise ConfigError(f"{config.path}: estimator.reading_spread: only discs press at places of a grid")
+    return ModelError(part, read_spread(path, len(config.cavities)))
+
+
 def build_tracker(config: DeviceConfig, device: Device | Atlas) -> Tracker:
     """The tracker of the config's sensors on the device, or on the charts of it; compiled.
 
@@ -76,5 +90,5 @@ def build_tracker(config: DeviceConfig, device: Device | Atlas) -> Tracker:
     senses = build_senses(config)
     contacts = senses.contacts if isinstance(senses, FingerSenses | MutualSenses) else 1
     limits = build_limits(config, contacts)
-    settings = TrackerSettings(config.estimator.poor_fit)
+    settings = TrackerSettings(config.estimator.poor_fit, build_model_error(config))
     return Tracker(senses, device, limits, settings, build_step_settings(config))

@@ -14,6 +14,7 @@ from softfuse.config.attached import (
     PointSettings,
 )
 from softfuse.config.body import BodySettings
+from softfuse.config.calibration import CalibrationSettings
 from softfuse.config.contact import AnyContact, DiscSettings, PatchSettings
 from softfuse.config.quantity import (
     Integer,
@@ -25,7 +26,7 @@ from softfuse.config.quantity import (
 )
 from softfuse.config.reduction import ReductionSettings
 from softfuse.config.sensor_set import SensorSettings
-from softfuse.config.settings import FileSettings, Settings, Vector
+from softfuse.config.settings import ExistingFile, FileSettings, Settings, Vector
 from softfuse.config.source import AnySource, check_sources
 
 
@@ -51,13 +52,17 @@ class CavitySettings(Settings):
 class EstimatorSettings(Settings):
     """Estimate step: linearisations per frame, ε [1/N²] of ε‖ΔF‖² in the cost, doubted misfit, longest step.
 
-    poor_fit: a largest misfit above this part of the largest reading is flagged; largest_motion in m: a step
+    model_error: part of a reading by which the model may be wrong; reading_spread: file of how uncertain
+    readings are by parameters and places; a calibration finds both; poor_fit: a largest misfit above this
+    part of the largest reading is flagged; largest_motion in m: a step
     that would move a node further is shortened, None for any; catch_up_steps: further ones in the same frame
     at most, while they have to be shortened.
     """
 
     steps_per_frame: PositiveInteger = 1
     regularisation: Annotated[Number, Ge(0)] = 1e-6
+    model_error: Annotated[Number, Ge(0)] = 0.0
+    reading_spread: ExistingFile | None = None
     poor_fit: PositiveNumber = 0.25
     largest_motion: PositiveLength | None = None
     catch_up_steps: Annotated[Integer, Ge(0)] = 0
@@ -79,6 +84,7 @@ class DeviceConfig(FileSettings):
     sources: tuple[AnySource, ...] = Field(default=(), alias="source")
     estimator: EstimatorSettings = EstimatorSettings()
     reduction: ReductionSettings = ReductionSettings()
+    calibration: CalibrationSettings = CalibrationSettings()
 
     @model_validator(mode="after")
     def _check_parts(self) -> Self:

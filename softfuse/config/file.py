@@ -17,8 +17,11 @@ from softfuse.errors import ConfigError
 
 TopTable = TypeVar("TopTable", bound=FileSettings)
 
-Edits = Mapping[tuple[str | int, ...], str | float | list[str]]
-"""New values by key path: {("body", "material", 0, "young"): "0.55 MPa"}."""
+Key = tuple[str | int, ...]
+"""Where a value is: ("body", "material", 0, "young")."""
+
+Edits = Mapping[Key, str | float | list[str] | list[float] | None]
+"""New values by key, such as "0.55 MPa"; None takes the key away."""
 
 
 def load(path: str | Path) -> DeviceConfig:
@@ -58,15 +61,17 @@ def validated(text: str, path: Path, model: type[TopTable]) -> TopTable:
 def save_edited(source: str | Path, target: str | Path, edits: Edits) -> DeviceConfig:
     """Write a copy of a configuration with some values changed, comments and layout kept, and return it.
 
-    Relative files are rewritten to be found from the target's folder. Raises ConfigError when an edited key
-    is not in the source, the result is not valid (nothing is written then), or the target cannot be written.
+    Keys that the source has not are added, with the tables that they are in. Relative files are rewritten to
+    be found from the target's folder; those of edits start there. Raises ConfigError when an edited table of
+    a list is not in the source, the result is not valid (nothing is written then), or the target cannot be
+    written.
     """
     source, target = Path(source), Path(target)
     load(source)
     document = tomlkit.parse(file_text(source))
+    _move_files(document, source.parent, target.parent)
     for place, value in edits.items():
         _set(document, place, value, source)
-    _move_files(document, source.parent, target.parent)
     text = tomlkit.dumps(document)
     config = parse(text, target)
     try:
@@ -74,20 +79,6 @@ def save_edited(source: str | Path, target: str | Path, edits: Edits) -> DeviceC
     except OSError as error:
         raise ConfigError(f"{target} cannot be written: {error.strerror}") from error
     return config
-
-
-def stiffness_edits(config: DeviceConfig, factor: float) -> Edits:
-    """Edits that multiply all moduli of all materials by a factor, which a fit of one scalar finds."""
-    edits: dict[tuple[str | int, ...], str | list[str]] = {}
-    for k, material in enumerate(config.body.materials):
-        for key, value in material.stiffness_times(factor).items():
-            said = [_megapascal(v) for v in value] if isinstance(value, tuple) else _megapascal(value)
-            edits["body", "material", k, key] = said
-    return edits
-
-
-def _megapascal(pressure: float) -> str:
-    return f"{1e-6 * pressure:.6g} MPa"
 
 
 def file_text(path: Path) -> str:
@@ -100,21 +91,26 @@ def file_text(path: Path) -> str:
         raise ConfigError(f"{path}: not valid TOML: it is not UTF-8 text") from error
 
 
-def _set(document: Any, place: tuple[str | int, ...], value: object, source: Path) -> None:
+def _set(document: Any, key: Key, value: object, source: Path) -> None:
     table = document
     try:
-        for part in place[:-1]:
+        for part in key[:-1]:
+            if isinstance(part, str) and part not in table:
+                table[part] = tomlkit.table()
             table = table[part]
-        table[place[-1]]
-    except (tomlkit.exceptions.NonExistentKey, IndexError, TypeError) as error:
-        raise ConfigError(f"{source}: {key_path(place)}: there is no such key to change") from error
-    table[place[-1]] = value
+        if value is None:
+            table.remove(key[-1])
+        else:
+            table[key[-1]] = value
+    except (tomlkit.exceptions.NonExistentKey, IndexError, TypeError, AttributeError) as error:
+        raise ConfigError(f"{source}: {key_path(key)}: there is no such key to change") from error
 
 
 def _move_files(document: Any, old: Path, new: Path) -> None:
-    source = document["body"]["source"]
-    if "file" in source:
-        source["file"] = _moved(source["file"], old, new)
+    source, estimator = document["body"]["source"], document.get("estimator", {})
+    for table, key in ((source, "file"), (estimator, "reading_spread")):
+        if key in table:
+            table[key] = _moved(table[key], old, new)
     if "inserts" in source:
         source["inserts"] = [_moved(name, old, new) for name in source["inserts"]]
 

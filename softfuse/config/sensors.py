@@ -7,7 +7,7 @@ sensing stage, and a test keeps them equal.
 from typing import Annotated, Literal, Self
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import model_validator
+from pydantic import BeforeValidator, model_validator
 
 from softfuse.config.quantity import (
     Duration,
@@ -24,7 +24,7 @@ from softfuse.config.quantity import (
     VoltageWalk,
     wrong_value,
 )
-from softfuse.config.settings import NotEmpty, Positions, Settings
+from softfuse.config.settings import NotEmpty, Positions, Settings, listed
 
 Channels = Annotated[tuple[str, ...], NotEmpty]
 """Names of columns of a recording."""
@@ -36,13 +36,15 @@ class FlowSettings(Settings):
     """Flow sensors, one on each cavity: their volts at zero flow and per flow, noise and limits.
 
     channels: one column per cavity, in the order of [[cavity]]. zero, low, high, noise, bias_sigma,
-    wander_sigma, lost_sigma in V, sensitivity in V s/m³, bias_walk in V/√s, times in s.
+    wander_sigma, lost_sigma in V, sensitivity in V s/m³, bias_walk in V/√s, times in s. gain [-]: what is
+    measured over what flows, one value or one for each cavity.
     """
 
     type: Literal["D6F-P0001A1"]
     channels: Channels
     zero: Voltage = 0.5
     sensitivity: Annotated[FlowSensitivity, Gt(0)] = 20.0 / (1e-3 / 60.0)
+    gain: Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)] = (1.0,)
     low: Voltage = 2e-3
     high: Voltage = 2.5
     noise: PositiveVoltage = 2e-3
@@ -63,6 +65,11 @@ class FlowSettings(Settings):
         if not self.low < self.zero < self.high:
             raise wrong_value(
                 f"zero = {self.zero:g} V must lie between low = {self.low:g} V and high = {self.high:g} V"
+            )
+        if len(self.gain) not in (1, len(self.channels)):
+            raise wrong_value(
+                f"{len(self.gain)} values for {len(self.channels)} channels: give one, or one for each",
+                key="gain",
             )
         return self
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from softfuse.config import load, save_edited, stiffness_edits
+from softfuse.config import load, save_edited
+from softfuse.config.file import Edits
 from softfuse.errors import ConfigError
 
 Write = Callable[..., Path]
@@ -25,30 +26,23 @@ def test_a_copy_differs_only_where_it_was_edited(write: Write, tmp_path: Path) -
     assert before.replace("0.6 MPa", "0.55 MPa") == after
 
 
-def test_a_fitted_factor_scales_every_modulus(write: Write, pad_text: str, tmp_path: Path) -> None:
-    start, end = pad_text.index("[[body.material]]"), pad_text.index("[body.fixed]")
-    materials = """
-[[body.material]]
-law = "ogden"
-mu = ["10 kPa", "-2 kPa"]
-alpha = [3.0, -2.0]
-poisson = 0.49
-
-[[body.material]]
-law = "yeoh"
-c1 = "92 kPa"
-c2 = "9.09 kPa"
-c3 = "-0.364 kPa"
-bulk = "9 MPa"
-
-"""
-    source, target = write((pad_text[start:end], materials)), tmp_path / "fitted.toml"
-    before = load(source)
-    after = save_edited(source, target, stiffness_edits(before, 1.25))
-    for old, new in zip(before.body.materials, after.body.materials, strict=True):
-        assert new.shear_modulus == pytest.approx(1.25 * old.shear_modulus)
-        assert new.lame == pytest.approx(1.25 * old.lame)
-    assert after.body.materials[0].poisson == 0.49
+def test_keys_and_tables_are_added_and_taken_away(write: Write, tmp_path: Path) -> None:
+    source, target = write(), tmp_path / "fitted.toml"
+    edits: Edits = {
+        ("body", "material", 0, "young"): None,
+        ("body", "material", 0, "law"): "yeoh",
+        **{
+            ("body", "material", 0, name): f"{value} kPa"
+            for name, value in zip(("c1", "c2", "c3"), (90, 9, 0), strict=True)
+        },
+        ("cavity", 1, "shift"): ["0.1 mm", "0 mm", "-0.2 mm"],
+        ("reduction", "cell"): "8 mm",
+    }
+    config = save_edited(source, target, edits)
+    assert config.body.materials[0] == load(target).body.materials[0]
+    assert config.body.materials[0].law == "yeoh" and config.body.materials[0].poisson == 0.49
+    assert config.cavities[1].shift == (0.1e-3, 0.0, -0.2e-3) and config.reduction.cell == 8e-3
+    assert "# " in target.read_text()
 
 
 def test_files_are_still_found_from_another_folder(tmp_path: Path, pad_text: str) -> None:
@@ -74,7 +68,7 @@ def test_files_are_still_found_from_another_folder(tmp_path: Path, pad_text: str
     ("place", "value", "told"),
     [
         (("body", "material", 1, "young"), "1 MPa", "body.material[1].young: there is no such key to change"),
-        (("body", "material", 0, "yuong"), "1 MPa", "body.material[0].yuong: there is no such key to change"),
+        (("body", "material", 0, "yuong"), "1 MPa", "body.material[0].yuong: unknown key"),
         (("body", "element", "x"), "1 MPa", "body.element.x: there is no such key to change"),
         (("body", "material", 0, "young"), "1 N", "is a force, expected a pressure"),
     ],

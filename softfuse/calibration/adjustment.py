@@ -1,0 +1,235 @@
+"""What a calibration may change of a device: groups of parameters θ, each 0 as configured, with names and how
+far from 0 they are expected to be.
+
+Priors are normal, θ ~ N(0, σ²): for a stiffness θ is the logarithm of a factor, for a place a length, so that
+σ says in which tolerance a device is made. Everything is differentiable in θ.
+"""
+
+from collections.abc import Sequence
+from enum import Enum
+from typing import ClassVar, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from softfuse.body.body import Body
+from softfuse.equilibrium.punch import PunchContact
+from softfuse.errors import SoftfuseError
+from softfuse.estimation.device import Device
+from softfuse.material.base import AbstractMaterial, constant
+from softfuse.material.neo_hookean import NeoHookean
+from softfuse.material.yeoh import Yeoh
+from softfuse.mesh.morph import wall_fields
+from softfuse.mesh.tetmesh import TetMesh
+
+
+class Measure(Enum):
+    """What a parameter is."""
+
+    factor = "the logarithm of a factor"
+    ratio = "a ratio that is added"
+    length = "a length [m]"
+
+
+class AbstractAdjustment(eqx.Module):
+    """Some parameters (p,) of one measure with prior standard deviations `sigma` (p,) and `names`, in SI."""
+
+    measure: ClassVar[Measure] = Measure.factor
+    sigma: eqx.AbstractVar[Float[Array, " p"]]
+    names: eqx.AbstractVar[tuple[str, ...]]
+
+    def adjusted(self, device: Device, value: Float[Array, " p"]) -> Device:
+        """The device with parameters (p,)."""
+        del value
+        return device
+
+    def measured(self, reading: Float[Array, " k"], value: Float[Array, " p"]) -> Float[Array, " k"]:
+        """What the sensors say (k,) where the device's readings are (k,)."""
+        del value
+        return reading
+
+
+class Stiffness(AbstractAdjustment):
+    """θ (1,): all moduli times exp θ."""
+
+    sigma: Float[Array, " 1"]
+    names: tuple[str, ...] = eqx.field(static=True, default=("stiffness",))
+
+    @classmethod
+    def within(cls, sigma: float) -> Self:
+        """With a prior standard deviation [-]."""
+        return cls(jnp.array([sigma]))
+
+    def adjusted(self, device, value):
+        """The device of stiffer or softer materials."""
+        materials = [law.times(jnp.exp(value[0])) for law in _body(device).materials]
+        return _with_body(device, _body(device).with_materials(materials))
+
+
+class Stiffening(AbstractAdjustment):
+    """θ (1,): Yeoh's c₂ more by θ c₁ in each material, neo-Hookean ones being Yeoh's with c₁ = μ/2."""
+
+    measure: ClassVar[Measure] = Measure.ratio
+    sigma: Float[Array, " 1"]
+    names: tuple[str, ...] = eqx.field(static=True, default=("stiffening",))
+
+    @classmethod
+    def within(cls, sigma: float) -> Self:
+        """With a prior standard deviation [-]."""
+        return cls(jnp.array([sigma]))
+
+    @staticmethod
+    def possible(device: Device) -> bool:
+        """Whether all its materials have such a constant."""
+        return all(isinstance(law, NeoHookean | Yeoh) for law in _body(device).materials)
+
+    def adjusted(self, device, value):
+        """The device of materials that stiffen more or less under strain; see `possible`."""
+        materials = [_stiffened(law, value[0]) for law in _body(device).materials]
+        return _with_body(device, _body(device).with_materials(materials))
+
+
+def _stiffened(law: AbstractMaterial, ratio: Float[Array, ""]) -> Yeoh:
+    if isinstance(law, NeoHookean):
+        return Yeoh(0.5 * law.mu, 0.5 * law.mu * ratio, 0.0, law.lame)
+    assert isinstance(law, Yeoh), "Stiffening.possible tells"
+    return Yeoh(law.c1, law.c2 + ratio * law.c1, law.c3, law.lame)
+
+
+class Layer(AbstractAdjustment):
+    """θ (1,): the compliance of what lies between disc and body is `typical` [m/Pa] times exp θ."""
+
+    sigma: Float[Array, " 1"]
+    typical: Float[Array, ""] = eqx.field(converter=constant)
+    names: tuple[str, ...] = eqx.field(static=True, default=("layer",))
+
+    @classmethod
+    def of(cls, device: Device, sigma: float) -> Self:
+        """Of the configured compliance, or where there is none of one that is felt as little as a hundredth
+        of the disc's radius of the body; with a prior standard deviation [-].
+        """
+        disc = _punch(device).disc
+        given = float(disc.compliance)
+        typical = given or 0.01 * disc.radius / device.body.pressure_unit
+        return cls(sigma=jnp.array([sigma]), typical=typical)
+
+    def adjusted(self, device, value):
+        """The device pressed through such a layer."""
+        compliance = self.typical * jnp.exp(value[0])
+        return eqx.tree_at(lambda d: d.contact.disc.compliance, device, compliance)
+
+
+class Walls(AbstractAdjustment):
+    """θ (p,) [m]: how far cavities were made from where they are drawn, by modes (p, n, 3) [-] of nodes."""
+
+    measure: ClassVar[Measure] = Measure.length
+    sigma: Float[Array, " p"]
+    modes: Float[Array, "p n 3"]
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    @classmethod
+    def of(
+        cls,
+        mesh: TetMesh,
+        centres: Float[np.ndarray, "k 3"],
+        names: Sequence[str],
+        *,
+        shift: float,
+        growth: float,
+    ) -> Self:
+        """Shifts and growths along x, y, z of the cavities with centres (k, 3) m and names in a mesh, with
+        prior standard deviations [m], 0 for those that are not fitted: see `mesh.morph`.
+        """
+        fields = wall_fields(mesh, centres=centres)
+        sigma, modes, said = [], [], []
+        for what, width, first in (("shift", shift, 0), ("growth", growth, 1)):
+            if not width > 0:
+                continue
+            for name, field in zip(names, fields, strict=True):
+                for axis in range(3):
+                    mode = np.zeros((len(mesh.nodes), 3))
+                    mode[:, axis] = field[0] if first == 0 else field[1 + axis]
+                    sigma.append(width)
+                    modes.append(mode)
+                    said.append(f"{name} {what} {'xyz'[axis]}")
+        whole = np.array(modes).reshape(-1, len(mesh.nodes), 3)
+        return cls(sigma=jnp.array(sigma, float), modes=jnp.asarray(whole), names=tuple(said))
+
+    def adjusted(self, device, value):
+        """The device with its cavities as made."""
+        body = _body(device)
+        return _with_body(device, body.with_rest(body.rest + jnp.einsum("p,pni->ni", value, self.modes)))
+
+
+class Gains(AbstractAdjustment):
+    """θ (k,): each reading times exp θ."""
+
+    sigma: Float[Array, " k"]
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, names: Sequence[str], sigma: float) -> Self:
+        """Of the readings with names, with a prior standard deviation [-]."""
+        return cls(jnp.full(len(names), sigma), tuple(f"{name} gain" for name in names))
+
+    def measured(self, reading, value):
+        """Readings of sensors that say more or less than the truth."""
+        return reading * jnp.exp(value)
+
+
+class Adjustments(eqx.Module):
+    """Groups of parameters, one after the other."""
+
+    groups: tuple[AbstractAdjustment, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all parameters (p,)."""
+        return tuple(name for group in self.groups for name in group.names)
+
+    @property
+    def measures(self) -> tuple[Measure, ...]:
+        """What each of them is (p,)."""
+        return tuple(group.measure for group in self.groups for _ in group.names)
+
+    @property
+    def sigma(self) -> Float[Array, " p"]:
+        """Prior standard deviations (p,)."""
+        return jnp.concatenate([jnp.zeros(0), *(group.sigma for group in self.groups)])
+
+    def of_group(self, value: Float[Array | np.ndarray, " p"]) -> list[Float[Array, " g"]]:
+        """The parameters (p,) group by group."""
+        ends = np.cumsum([len(group.names) for group in self.groups])[:-1]
+        return jnp.split(jnp.asarray(value), ends)
+
+    def adjusted(self, device: Device, value: Float[Array | np.ndarray, " p"]) -> Device:
+        """The device with parameters (p,)."""
+        for group, part in zip(self.groups, self.of_group(value), strict=True):
+            device = group.adjusted(device, part)
+        return device
+
+    def measured(self, reading: Float[Array, " k"], value: Float[Array, " p"]) -> Float[Array, " k"]:
+        """What the sensors say (k,) where the device's readings are (k,)."""
+        for group, part in zip(self.groups, self.of_group(value), strict=True):
+            reading = group.measured(reading, part)
+        return reading
+
+
+def _body(device: Device) -> Body:
+    if not isinstance(device.body, Body):
+        raise SoftfuseError("a reduced body cannot be calibrated: calibrate the full one, then reduce it")
+    return device.body
+
+
+def _with_body(device: Device, body: Body) -> Device:
+    return eqx.tree_at(lambda d: d.body, device, body)
+
+
+def _punch(device: Device) -> PunchContact:
+    if not isinstance(device.contact, PunchContact):
+        raise SoftfuseError(
+            'a calibration presses discs: a device with contact.model = "patch" cannot be calibrated yet'
+        )
+    return device.contact

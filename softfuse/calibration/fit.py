@@ -1,0 +1,181 @@
+"""Fitting a device's parameters to presses of known place and force.
+
+Rounds of Gauss-Newton: the device answers with readings and slopes (`Adjustable`); on these, the discrepancy
+δ is the one that makes the readings most likely (`Discrepancy`), and the parameters those that explain them
+best (`robust`); then the device is asked again. A step that gains less than half of what its slopes promise
+is tried again where a parabola is least. Rounds end when no step promises more than a fiftieth in the
+logarithm of the posterior: parameters are then within a fifth of their standard deviations.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import minimize_scalar
+
+from softfuse.calibration.adjustment import Measure
+from softfuse.calibration.discrepancy import Discrepancy, Whitening
+from softfuse.calibration.presses import Adjustable, Answer, Presses
+from softfuse.calibration.robust import Explained, Linear, cost, explained
+from softfuse.errors import SoftfuseError
+
+_SETTLED = 0.02
+"""What a step must promise."""
+_SHORTENED = 4
+"""How often a step is tried."""
+_PARTS = (1e-4, 0.3)
+"""Discrepancies between which the likeliest is searched."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What presses say of p parameters with `names` and `measures`.
+
+    `value` (p,), `covariance` (p, p) and `prior_sigma` (p,) in SI; `discrepancy`: what the model misses at
+    best; `before`, `after` (s, k): measured minus modelled readings with all parameters 0 and as fitted;
+    `weight` (s, k) [-]: how much the readings of a press count, far below 1 where nothing explains them, 0
+    where they say nothing.
+    """
+
+    names: tuple[str, ...]
+    measures: tuple[Measure, ...]
+    value: Float[np.ndarray, " p"]
+    covariance: Float[np.ndarray, "p p"]
+    prior_sigma: Float[np.ndarray, " p"]
+    discrepancy: Discrepancy
+    before: Float[np.ndarray, "s k"]
+    after: Float[np.ndarray, "s k"]
+    weight: Float[np.ndarray, "s k"]
+
+    @property
+    def sigma(self) -> Float[np.ndarray, " p"]:
+        """Standard deviations (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def told(self) -> Float[np.ndarray, " p"]:
+        """How much of each parameter the presses tell (p,): 0 nothing beyond the prior, 1 all of it."""
+        return 1 - (self.sigma / self.prior_sigma) ** 2
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "p p"]:
+        """Of the parameters (p, p)."""
+        return self.covariance / np.outer(self.sigma, self.sigma)
+
+
+def fit(
+    adjustable: Adjustable, presses: Presses, *, rounds: int = 10, seen: Callable[[], None] = lambda: None
+) -> Fit:
+    """The parameters that explain presses best; `seen` is called after each sample that was answered.
+
+    Raises SoftfuseError when no sample says anything, or parameters still move after so many rounds; and
+    SolveError as `Adjustable.answer` does.
+    """
+    if not presses.told.any():
+        raise SoftfuseError(
+            "no sample of the presses has a reading to fit: give presses whose volumes or pressures are valid"
+        )
+    prior = np.asarray(adjustable.adjustments.sigma)
+    group = _groups(presses)
+
+    def ask(z: Float[np.ndarray, " p"]) -> Answer:
+        return adjustable.answer(z * prior, presses.place_m, presses.force_N, seen=seen)
+
+    z, answer = np.zeros(len(prior)), ask(np.zeros(len(prior)))
+    before = presses.reading - answer.reading
+    for _ in range(rounds):
+        at = _Round(presses, answer, z, prior, group)
+        part = _likeliest(at)
+        whitening, aim = Discrepancy(part).whitening(presses), at.explained(part)
+        here, step = at.cost(whitening, answer, z), aim.z - z
+        promised = here - aim.cost
+        if promised < _SETTLED:
+            after = presses.reading - answer.reading - np.einsum("skp,p->sk", answer.slope, step * prior)
+            return Fit(
+                adjustable.adjustments.names,
+                adjustable.adjustments.measures,
+                aim.z * prior,
+                np.linalg.inv(aim.information) * np.outer(prior, prior),
+                prior,
+                Discrepancy(part),
+                before,
+                after,
+                np.where(presses.told, aim.weight[group], 0.0),
+            )
+        length, found = 1.0, (here, z, answer)
+        for _ in range(_SHORTENED):
+            tried = z + length * step
+            read = ask(tried)
+            there = at.cost(whitening, read, tried)
+            found = min(found, (there, tried, read), key=lambda each: each[0])
+            if here - there > 0.5 * promised * length * (2 - length):
+                break
+            # Where the parabola through both ends is least, of slope −2 promised at z.
+            length = promised * length**2 / (there - here + 2 * promised * length)
+        if not found[0] < here:
+            raise SoftfuseError(
+                "the fit finds no better parameters although its slopes promise some: leave out the presses "
+                "that are furthest off"
+            )
+        _, z, answer = found
+    raise SoftfuseError(
+        f"the parameters still move after {rounds} rounds: narrow what may differ in [calibration]"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Round:
+    """Presses, and what the device with parameters z (p,), in prior standard deviations, answered."""
+
+    presses: Presses
+    answer: Answer
+    z: Float[np.ndarray, " p"]
+    prior: Float[np.ndarray, " p"]
+    group: Int[np.ndarray, "s k"]
+
+    @property
+    def groups(self) -> int:
+        """How many groups."""
+        return int(self.group.max()) + 1
+
+    def explained(self, part: float) -> Explained:
+        """The parameters that explain the presses best with a discrepancy [-]."""
+        return explained(self._linear(Discrepancy(part).whitening(self.presses)), self.groups)
+
+    def ln_evidence(self, part: float) -> float:
+        """How likely the presses are with a discrepancy [-]."""
+        whitening = Discrepancy(part).whitening(self.presses)
+        found = explained(self._linear(whitening), self.groups)
+        return found.ln_evidence - 0.5 * whitening.ln_det
+
+    def cost(self, whitening: Whitening, answer: Answer, z: Float[np.ndarray, " p"]) -> float:
+        """What the parameters z, whose answer is given, cost."""
+        left = whitening.of(self.presses.reading - answer.reading).ravel()
+        return float(cost(left, self._linear(whitening), z, self.groups))
+
+    def _linear(self, whitening: Whitening) -> Linear:
+        slope = self.answer.slope * self.prior
+        left = self.presses.reading - self.answer.reading + np.einsum("skp,p->sk", slope, self.z)
+        flat = whitening.of(slope).reshape(-1, len(self.z))
+        return Linear(
+            whitening.of(left).ravel(), flat, self.group.ravel(), np.asarray(self.presses.told).ravel()
+        )
+
+
+def _groups(presses: Presses) -> Int[np.ndarray, "s k"]:
+    """The number (s, k) of each reading's group: one cavity in one press."""
+    _, press = np.unique(presses.press, return_inverse=True)
+    count = presses.reading.shape[1]
+    return press[:, None] * count + np.arange(count)
+
+
+def _likeliest(at: _Round) -> float:
+    low, high = np.log(_PARTS)
+    found = minimize_scalar(
+        lambda ln: -at.ln_evidence(float(np.exp(ln))),
+        bounds=(low, high),
+        method="bounded",
+        options={"xatol": 0.02},
+    )
+    return float(np.exp(found.x))

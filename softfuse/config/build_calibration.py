@@ -1,0 +1,123 @@
+"""From settings to the parameters that a calibration fits, and from fitted parameters back to settings."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from softfuse.body.body import Body
+from softfuse.calibration.adjustment import (
+    AbstractAdjustment,
+    Adjustments,
+    Gains,
+    Layer,
+    Stiffening,
+    Stiffness,
+    Walls,
+)
+from softfuse.config.build_mesh import DeviceMesh
+from softfuse.config.contact import DiscSettings
+from softfuse.config.device import DeviceConfig
+from softfuse.config.file import Edits, Key
+from softfuse.config.material import Material, OneModulus, SeveralModuli
+from softfuse.equilibrium.punch import PunchContact
+from softfuse.errors import ConfigError
+from softfuse.estimation.device import Device
+from softfuse.material.base import AbstractMaterial
+from softfuse.material.yeoh import Yeoh
+
+
+def build_adjustments(config: DeviceConfig, device: Device, mesh: DeviceMesh) -> Adjustments:
+    """What [calibration] says may differ from the config, of the device and the mesh that were built of it.
+
+    Raises ConfigError when the device is not pressed by discs, has no flow sensors, or nothing may differ.
+    """
+    may = config.calibration
+    if not isinstance(config.contact, DiscSettings):
+        raise ConfigError(f"{config.path}: contact.model: only a device pressed by discs can be calibrated")
+    if config.sensors is None or config.sensors.vented is None:
+        raise ConfigError(f"{config.path}: sensors.flow: missing, a calibration fits volumes of cavities")
+    names = [cavity.name for cavity in config.cavities]
+    groups: list[AbstractAdjustment] = []
+    if may.stiffness:
+        groups.append(Stiffness.within(may.stiffness))
+    if may.stiffening and Stiffening.possible(device):
+        groups.append(Stiffening.within(may.stiffening))
+    if may.contact_layer:
+        groups.append(Layer.of(device, may.contact_layer))
+    if may.cavity_shift or may.cavity_growth:
+        centres = np.array([np.add(cavity.centre, cavity.shift) for cavity in config.cavities])
+        groups.append(Walls.of(mesh.mesh, centres, names, shift=may.cavity_shift, growth=may.cavity_growth))
+    if may.gain:
+        groups.append(Gains.of(names, may.gain))
+    if not groups:
+        raise ConfigError(f"{config.path}: calibration: all is 0, so that there is nothing to fit")
+    return Adjustments(tuple(groups))
+
+
+def calibrated_edits(
+    config: DeviceConfig, device: Device, adjustments: Adjustments, value: Float[np.ndarray, " p"]
+) -> Edits:
+    """The edits of a config that make its device one with parameters (p,)."""
+    made = adjustments.adjusted(device, value)
+    assert isinstance(made.body, Body) and isinstance(
+        made.contact, PunchContact
+    )  # build_adjustments has told
+    edits: dict[Key, str | float | list[str] | list[float] | None] = {}
+    for group, part in zip(adjustments.groups, adjustments.of_group(value), strict=True):
+        part = np.asarray(part)
+        match group:
+            case Stiffness() | Stiffening():
+                for k, (material, law) in enumerate(
+                    zip(config.body.materials, made.body.materials, strict=True)
+                ):
+                    for key, said in _material(material, law).items():
+                        edits["body", "material", k, key] = said
+            case Layer():
+                compliance = float(made.contact.disc.compliance)
+                edits["contact", "compliance"] = f"{1e9 * compliance:.6g} mm/MPa"
+            case Walls():
+                edits |= _cavities(config, dict(zip(group.names, part, strict=True)))
+            case Gains():
+                assert config.sensors is not None  # build_adjustments has told
+                gain = np.broadcast_to(config.sensors.flow.gain, part.shape) * np.exp(part)
+                edits["sensors", "flow", "gain"] = [_rounded(each) for each in gain]
+    return edits
+
+
+def _material(settings: Material, law: AbstractMaterial) -> dict[str, str | list[str] | None]:
+    """The keys of a material that make it a law."""
+    if not isinstance(law, Yeoh):
+        factor = float(law.lame) / settings.lame
+        return {key: _megapascals(value) for key, value in settings.stiffness_times(factor).items()}
+    edits: dict[str, str | list[str] | None] = {"law": "yeoh"}
+    if isinstance(settings, OneModulus):
+        edits["young"] = None
+    elif isinstance(settings, SeveralModuli) and settings.bulk is not None:
+        edits["bulk"] = _megapascals(float(law.lame) + 2 / 3 * float(law.shear_modulus()))
+    constants = {"c1": law.c1, "c2": law.c2, "c3": law.c3}
+    return edits | {key: _megapascals(float(constant)) for key, constant in constants.items()}
+
+
+def _cavities(config: DeviceConfig, by_name: dict[str, float]) -> dict[Key, list[str]]:
+    edits: dict[Key, list[str]] = {}
+    for k, cavity in enumerate(config.cavities):
+        for what, drawn in (("shift", cavity.shift), ("growth", cavity.growth)):
+            names = [f"{cavity.name} {what} {axis}" for axis in "xyz"]
+            if all(name in by_name for name in names):
+                edits["cavity", k, what] = _millimetres(np.add(drawn, [by_name[name] for name in names]))
+    return edits
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.6g}")
+
+
+def _millimetres(lengths: Sequence[float] | np.ndarray) -> list[str]:
+    return [f"{1e3 * length:.6g} mm" for length in lengths]
+
+
+def _megapascals(pressure: float | tuple[float, ...]) -> str | list[str]:
+    if isinstance(pressure, tuple):
+        return [f"{1e-6 * each:.6g} MPa" for each in pressure]
+    return f"{1e-6 * pressure:.6g} MPa"

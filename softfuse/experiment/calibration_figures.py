@@ -1,0 +1,47 @@
+"""Pictures of a calibration: misfits of presses, and what a further press would tell."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from softfuse.experiment.figures import blank, colour
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def misfits(
+    reading_mm3: Float[np.ndarray, "s k"],
+    before_mm3: Float[np.ndarray, "s k"],
+    after_mm3: Float[np.ndarray, "s k"],
+    names: Sequence[str],
+) -> "Figure":
+    """Measured minus modelled volume changes of s samples over the measured ones, before and after a fit."""
+    figure = blank(9, 3.4)
+    for axes, misfit, title in zip(
+        figure.subplots(1, 2, sharey=True),
+        (before_mm3, after_mm3),
+        ("before", "after"),
+        strict=True,
+    ):
+        for k, name in enumerate(names):
+            axes.plot(reading_mm3[:, k], misfit[:, k], ".", color=colour(k), label=name)
+        axes.axhline(0.0, color="0.6", lw=0.8)
+        axes.set(title=title, xlabel="measured volume change [mm³]")
+        axes.grid(alpha=0.3)
+    figure.axes[0].set_ylabel("measured minus modelled [mm³]")
+    figure.axes[1].legend(title="cavity", fontsize="small")
+    return figure
+
+
+def usefulness(place_mm: Float[np.ndarray, "s 2"], gain: Float[np.ndarray, " s"]) -> "Figure":
+    """What one more press at each of s places would tell [nat], seen from above."""
+    figure = blank(4.6, 4)
+    axes = figure.subplots()
+    drawn = axes.scatter(*place_mm.T, c=gain, s=260, marker="s", cmap="viridis")
+    axes.plot(*place_mm[np.argmax(gain)], "+", color="white", ms=12)
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+    figure.colorbar(drawn, ax=axes, label="gain [nat]")
+    return figure

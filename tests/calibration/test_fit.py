@@ -1,0 +1,167 @@
+"""A fit finds what a device was made with from presses of it, and says what presses cannot tell."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.body.body import Body
+from softfuse.body.element import LINEAR
+from softfuse.calibration.adjustment import Adjustments, Gains, Layer, Stiffening, Stiffness, Walls
+from softfuse.calibration.fit import Fit, fit
+from softfuse.calibration.presses import Adjustable, Presses
+from softfuse.equilibrium.multifrontal import Multifrontal
+from softfuse.equilibrium.punch import PunchContact
+from softfuse.errors import SoftfuseError
+from softfuse.estimation.device import Device
+from softfuse.functional.cavity import Cavity
+from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.pressure_cells import flat_punch
+from softfuse.material import NeoHookean
+from softfuse.mesh.pad import PadGeometry, pad_mesh
+from softfuse.mesh.surface import cavities, outer_surface
+from softfuse.mesh.tetmesh import TetMesh
+
+GEOMETRY = PadGeometry(
+    size=(0.07, 0.04, 0.018),
+    cavity_size=(0.028, 0.028, 0.006),
+    cavity_centres=((-0.017, 0.0), (0.017, 0.0)),
+    cavity_z_bottom=0.006,
+)
+NAMES = ("left", "right")
+NOISE = 0.3e-9
+PLACES = 1e-3 * np.array([[-18, 4, 0], [16, -5, 0], [0, 2, 0], [-9, -6, 0], [22, 3, 0]])
+FORCES = (1.5, 3.0, 4.5)
+
+
+@pytest.fixture(scope="module")
+def mesh() -> TetMesh:
+    return pad_mesh(GEOMETRY, 0.010, 0.014)
+
+
+@pytest.fixture(scope="module")
+def device(mesh: TetMesh) -> Device:
+    """Two cavities under a disc of 6 mm."""
+    body = Body.from_mesh(mesh, [NeoHookean.from_young(0.3e6, 0.3)], mesh.nodes[:, 2] < 1e-9, element=LINEAR)
+    surface = ContactSurface.facing(outer_surface(mesh).faces, mesh.nodes, np.array([0.0, 0.0, -1.0]))
+    disc = Contact(surface, flat_punch(), jnp.zeros(3), jnp.asarray(0.006), 0.3e-9)
+    walls = cavities(mesh, GEOMETRY.centres())
+    sensors = tuple(Cavity(jnp.asarray(wall.faces)) for wall in walls)
+    return Device(body, sensors, PunchContact(disc), Multifrontal.plan(body))
+
+
+@pytest.fixture(scope="module")
+def adjustable(device: Device, mesh: TetMesh) -> Adjustable:
+    walls = Walls.of(mesh, GEOMETRY.centres(), NAMES, shift=0.3e-3, growth=0.3e-3)
+    groups = (Stiffness.within(0.3), Stiffening.within(0.3), Layer.of(device, 1.0), walls)
+    return Adjustable(device, Adjustments(groups))
+
+
+def presses_of(adjustable: Adjustable, value: np.ndarray, *, seed: int = 1) -> Presses:
+    place = np.repeat(PLACES, len(FORCES), axis=0)
+    force = np.tile(FORCES, len(PLACES))
+    reading = adjustable.answer(value, place, force).reading
+    noise = NOISE * np.random.default_rng(seed).normal(size=reading.shape)
+    return Presses(
+        place,
+        force,
+        reading + noise,
+        np.full(reading.shape, NOISE),
+        np.repeat(np.arange(len(PLACES)), len(FORCES)),
+    )
+
+
+@pytest.fixture(scope="module")
+def made(adjustable: Adjustable) -> np.ndarray:
+    """What the device was made with: drawn from the prior."""
+    sigma = np.asarray(adjustable.adjustments.sigma)
+    return sigma * np.random.default_rng(7).normal(size=len(sigma)).clip(-1.5, 1.5)
+
+
+@pytest.fixture(scope="module")
+def presses(adjustable: Adjustable, made: np.ndarray) -> Presses:
+    return presses_of(adjustable, made)
+
+
+@pytest.fixture(scope="module")
+def found(adjustable: Adjustable, presses: Presses) -> Fit:
+    return fit(adjustable, presses)
+
+
+def test_every_parameter_is_within_its_interval(found: Fit, made: np.ndarray) -> None:
+    off = found.value - made
+    assert np.all(np.abs(off) < 3 * found.sigma)
+    # 99.8 % of what chi² of 15 parameters can be
+    assert 3.5 < off @ np.linalg.solve(found.covariance, off) < 37.7
+
+
+def test_what_the_presses_tell_is_told(found: Fit) -> None:
+    told = dict(zip(found.names, found.told, strict=True))
+    assert told["stiffness"] > 0.9
+    assert told["left shift z"] > 0.5 and told["right shift z"] > 0.5
+    assert np.all((found.told > -1e-9) & (found.told < 1))
+    assert found.discrepancy.part < 2e-3
+
+
+def test_misfits_shrink_to_the_noise(found: Fit) -> None:
+    before, after = (float(np.sqrt(np.mean(each**2))) for each in (found.before, found.after))
+    assert before > 20 * NOISE and after < 1.2 * NOISE
+
+
+def test_slopes_are_those_of_differences(adjustable: Adjustable, made: np.ndarray) -> None:
+    place, force = PLACES[:1], np.array([3.0])
+    slope = adjustable.answer(made, place, force).slope
+    for k, step in enumerate(1e-3 * np.asarray(adjustable.adjustments.sigma)):
+        ends = [
+            adjustable.answer(made + side * step * np.eye(len(made))[k], place, force) for side in (-1, 1)
+        ]
+        change = (ends[1].reading - ends[0].reading) / (2 * step)
+        np.testing.assert_allclose(
+            slope[..., k], change, atol=2e-5 * np.abs(slope[..., k]).max() + 1e-13 / step
+        )
+
+
+def test_two_parameters_that_do_the_same_are_told(device: Device, presses: Presses) -> None:
+    twice = Adjustments(
+        (Stiffness.within(0.3), replace_names(Stiffness.within(0.3), "again"), Layer.of(device, 1.0))
+    )
+    found = fit(Adjustable(device, twice), presses)
+    assert found.correlation[0, 1] < -0.99
+    assert np.all(found.told[:2] < 0.6)
+
+
+def replace_names(group: Stiffness, name: str) -> Stiffness:
+    return replace(group, names=(name,))
+
+
+def test_a_gain_is_found(device: Device, presses: Presses, adjustable: Adjustable, made: np.ndarray) -> None:
+    groups = (*adjustable.adjustments.groups, Gains.of(NAMES, 0.02))
+    gains = np.array([0.03, -0.02])
+    read = replace(presses, reading=presses.reading * np.exp(gains))
+    found = fit(Adjustable(device, Adjustments(groups)), read)
+    off = found.value - np.concatenate([made, gains])
+    assert found.names[-2:] == ("left gain", "right gain")
+    assert off @ np.linalg.solve(found.covariance, off) < 40.8
+
+
+def test_a_reading_that_is_wrong_counts_little(
+    adjustable: Adjustable, presses: Presses, made: np.ndarray
+) -> None:
+    reading = presses.reading.copy()
+    reading[4, 1] *= 1.5
+    found = fit(adjustable, replace(presses, reading=reading))
+    assert found.weight[4, 1] < 0.01 * np.median(found.weight)
+    off = found.value - made
+    assert np.all(np.abs(off) < 3 * found.sigma) and off @ np.linalg.solve(found.covariance, off) < 37.7
+    assert found.discrepancy.part < 0.02
+
+
+def test_what_says_nothing_is_left_out(adjustable: Adjustable, presses: Presses, found: Fit) -> None:
+    sigma, reading = presses.sigma.copy(), presses.reading.copy()
+    sigma[0, 1], reading[0, 1], reading[3, 0] = np.inf, 1.0, np.nan
+    less = fit(adjustable, replace(presses, sigma=sigma, reading=reading))
+    assert np.all(np.abs(less.value - found.value) < 2 * found.sigma)
+    assert less.weight[0, 1] == less.weight[3, 0] == 0
+    with pytest.raises(SoftfuseError, match="no sample"):
+        fit(adjustable, replace(presses, sigma=np.full_like(sigma, np.inf)))
