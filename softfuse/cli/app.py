@@ -17,6 +17,7 @@ from softfuse.cli.convert import convert
 from softfuse.cli.doctor import doctor
 from softfuse.cli.estimate import estimate
 from softfuse.cli.mesh import mesh
+from softfuse.cli.observe import observe
 from softfuse.cli.reduce import reduce
 from softfuse.cli.replay import replay
 from softfuse.cli.run import run
@@ -38,6 +39,7 @@ app.command()(simulate)
 app.command()(sweep)
 app.command()(estimate)
 app.command()(calibrate)
+app.command()(observe)
 app.command()(run)
 app.command()(replay)
 app.command()(convert)

@@ -67,6 +67,15 @@ def tracked(items: Iterable[T], description: str, *, total: int | None, quiet: b
 
 
 @contextmanager
+def tracked_calls(description: str, *, total: int, quiet: bool) -> Iterator[Callable[[], None]]:
+    """Show with a bar how many of a total of calls of what is given have been made, and the time left."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=stderr, transient=True, disable=_hidden(quiet)) as progress:
+        task = progress.add_task(description, total=total)
+        yield lambda: progress.advance(task)
+
+
+@contextmanager
 def counted(description: str, what: str, *, quiet: bool) -> Iterator[Callable[[], None]]:
     """Show how many of something have been done, of which nobody knows how many there will be, and for how
     long; each call of what is given counts one.

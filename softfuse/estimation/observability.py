@@ -1,0 +1,117 @@
+"""What the sensors of a device can tell of one contact, before anything is measured.
+
+A press with force F at a place p changes readings of covariance S = L Lᵀ by the slopes w = ∂s/∂F (k,) and G =
+∂s/∂p (k, 2), p along the surface's two tangents. With A = L⁻¹ [w, G] and what else knows the place, to σ_p,
+
+    covariance of (F, p) = (AᵀA + diag(0, σ_p⁻², σ_p⁻²))⁻¹;
+
+the singular values of A, per newton and per millimetre, say how many directions of (F, p) the readings tell
+and how well.
+"""
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from softfuse.equilibrium.punch import PunchContact
+from softfuse.equilibrium.solution import RESULTS
+from softfuse.errors import SolveError
+from softfuse.estimation.device import Device, simulate
+
+_PER = np.array([1.0, 1e3, 1e3])
+"""Force in N, places in mm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """How a device answers to s presses, one at a time: readings (s, k) in SI, `by_force` (s, k) [1/N], and
+    `by_place` (s, k, 2) [1/m] along the tangents of the surface.
+    """
+
+    reading: Float[np.ndarray, "s k"]
+    by_force: Float[np.ndarray, "s k"]
+    by_place: Float[np.ndarray, "s k 2"]
+
+
+@dataclass(frozen=True, eq=False)
+class Observability:
+    """What readings tell of s presses: `singular` (s, 3) of A, the largest first, per N and per mm.
+
+    `force_sigma_N` (s,), `place_sigma_m` (s, 2): of force and place, with what else knows the place;
+    `blind_force_sigma_N`, `blind_place_sigma_m`: without, inf where readings do not tell all three.
+    """
+
+    singular: Float[np.ndarray, "s 3"]
+    force_sigma_N: Float[np.ndarray, " s"]
+    place_sigma_m: Float[np.ndarray, "s 2"]
+    blind_force_sigma_N: Float[np.ndarray, " s"]
+    blind_place_sigma_m: Float[np.ndarray, "s 2"]
+
+
+def response(
+    device: Device,
+    places_m: Float[np.ndarray, "s 3"],
+    force_N: float,
+    *,
+    seen: Callable[[], None] = lambda: None,
+) -> Response:
+    """The response to a disc pressed at places (s, 3) m with a force [N]; `seen` is called after each.
+
+    Raises SolveError when the device is not pressed by discs, or a press has no equilibrium.
+    """
+    if not isinstance(device.contact, PunchContact):
+        raise SolveError("only discs press at places of a surface: this device is pressed at electrodes")
+    tangents = np.asarray(device.contact.disc.surface.tangents)
+    others = np.asarray(device.rest_state(jnp.asarray(places_m[:1])).drive)[1:]
+
+    def one(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        drive = np.concatenate([[force_N], others])
+        (by_place, by_drive), (reading, result) = _slopes(device, place, drive)
+        if not bool(result == RESULTS.converged):
+            x, y = 1e3 * place[:2]
+            raise SolveError(f"no equilibrium at {force_N:g} N on ({x:.1f}, {y:.1f}) mm: {RESULTS[result]}")
+        seen()
+        return np.asarray(reading), np.asarray(by_drive)[:, 0], np.asarray(by_place) @ tangents.T
+
+    threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    with ThreadPoolExecutor(threads) as pool:
+        found = list(pool.map(one, places_m))
+    return Response(*(np.array(each) for each in zip(*found, strict=True)))
+
+
+@eqx.filter_jit
+def _slopes(device: Device, place: Any, drive: Any) -> Any:
+    def read(place, drive):
+        solution = simulate(device, place[None], drive)
+        reading = device.reading(solution.state)
+        return reading, (reading, solution.result)
+
+    return jax.jacrev(read, argnums=(0, 1), has_aux=True)(jnp.asarray(place), jnp.asarray(drive))
+
+
+def observability(
+    answer: Response, covariance: Float[np.ndarray, "s k k"], place_sigma_m: float
+) -> Observability:
+    """What readings of covariances (s, k, k) tell of presses whose place is known to `place_sigma_m` [m] by
+    other means.
+    """
+    slopes = np.concatenate([answer.by_force[..., None], answer.by_place], axis=2)
+    a = np.linalg.solve(np.linalg.cholesky(covariance), slopes)
+    singular = np.zeros((len(a), 3))
+    least = min(a.shape[1:])
+    singular[:, :least] = np.linalg.svd(a / _PER, compute_uv=False)
+    information = np.swapaxes(a, 1, 2) @ a
+    known = np.diag([0.0, place_sigma_m**-2, place_sigma_m**-2])
+    sigma = np.sqrt(np.diagonal(np.linalg.inv(information + known), axis1=1, axis2=2))
+    blind = np.full_like(sigma, np.inf)
+    whole = singular[:, 2] > 1e-9 * singular[:, 0]
+    blind[whole] = np.sqrt(np.diagonal(np.linalg.inv(information[whole]), axis1=1, axis2=2))
+    return Observability(singular, sigma[:, 0], sigma[:, 1:], blind[:, 0], blind[:, 1:])
