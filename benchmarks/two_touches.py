@@ -73,7 +73,7 @@ def main() -> None:
     """Press, estimate, compare."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("config", type=Path, nargs="?", default=ROOT / "configs" / "pad_mutual.toml")
-    parser.add_argument("--pairs", type=int, default=40)
+    parser.add_argument("--pairs", type=int, default=20)
     parser.add_argument("--apart", type=float, default=20.0, help="in mm")
     parser.add_argument("--model-error", type=float, default=0.03)
     given = parser.parse_args()

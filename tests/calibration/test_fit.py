@@ -122,6 +122,7 @@ def test_slopes_are_those_of_differences(adjustable: Adjustable, made: np.ndarra
         )
 
 
+@pytest.mark.slow
 def test_two_parameters_that_do_the_same_are_told(device: Device, presses: Presses) -> None:
     twice = Adjustments(
         (Stiffness.within(0.3), replace_names(Stiffness.within(0.3), "again"), Layer.of(device, 1.0))
@@ -135,6 +136,7 @@ def replace_names(group: Stiffness, name: str) -> Stiffness:
     return replace(group, names=(name,))
 
 
+@pytest.mark.slow
 def test_a_gain_is_found(device: Device, presses: Presses, adjustable: Adjustable, made: np.ndarray) -> None:
     groups = (*adjustable.adjustments.groups, Gains.of(NAMES, 0.02))
     gains = np.array([0.03, -0.02])
@@ -151,12 +153,13 @@ def test_a_reading_that_is_wrong_counts_little(
     reading = presses.reading.copy()
     reading[4, 1] *= 1.5
     found = fit(adjustable, replace(presses, reading=reading))
-    assert found.weight[4, 1] < 0.01 * np.median(found.weight)
+    assert found.weight[4, 1] < 0.1 * np.median(found.weight)
     off = found.value - made
     assert np.all(np.abs(off) < 3 * found.sigma) and off @ np.linalg.solve(found.covariance, off) < 37.7
     assert found.discrepancy.part < 0.02
 
 
+@pytest.mark.slow
 def test_what_says_nothing_is_left_out(adjustable: Adjustable, presses: Presses, found: Fit) -> None:
     sigma, reading = presses.sigma.copy(), presses.reading.copy()
     sigma[0, 1], reading[0, 1], reading[3, 0] = np.inf, 1.0, np.nan

@@ -71,6 +71,7 @@ def test_a_place_that_cannot_be_written_is_told_at_once(
     assert told in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_presses_of_several_recordings_are_different_ones(
     code_of: Callable[..., int], tmp_path: Path, coarse: Path
 ) -> None:
