@@ -29,8 +29,8 @@ freedom make the recordings of the reference pad less likely, as they give up pr
 
 
 class Linear(NamedTuple):
-    """Whitened misfits left − slope z of m numbers in `count` groups: left (m,), slope (m, p) per prior
-    standard deviation, their group (m,), and which say something (m,).
+    """Whitened misfits left − slope z of m numbers: left (m,), slope (m, p) per prior standard deviation,
+    their group (m,), and which say something (m,).
     """
 
     left: Float[Array | np.ndarray, " m"]

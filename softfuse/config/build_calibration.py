@@ -60,9 +60,8 @@ def calibrated_edits(
 ) -> Edits:
     """The edits of a config that make its device one with parameters (p,)."""
     made = adjustments.adjusted(device, value)
-    assert isinstance(made.body, Body) and isinstance(
-        made.contact, PunchContact
-    )  # build_adjustments has told
+    # build_adjustments has told.
+    assert isinstance(made.body, Body) and isinstance(made.contact, PunchContact)
     edits: dict[Key, str | float | list[str] | list[float] | None] = {}
     for group, part in zip(adjustments.groups, adjustments.of_group(value), strict=True):
         part = np.asarray(part)
@@ -88,7 +87,7 @@ def calibrated_edits(
 def _material(settings: Material, law: AbstractMaterial) -> dict[str, str | list[str] | None]:
     """The keys of a material that make it a law."""
     if not isinstance(law, Yeoh):
-        factor = float(law.lame) / settings.lame
+        factor = float(law.shear_modulus()) / settings.shear_modulus
         return {key: _megapascals(value) for key, value in settings.stiffness_times(factor).items()}
     edits: dict[str, str | list[str] | None] = {"law": "yeoh"}
     if isinstance(settings, OneModulus):
