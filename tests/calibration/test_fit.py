@@ -156,7 +156,6 @@ def test_a_reading_that_is_wrong_counts_little(
     assert found.weight[4, 1] < 0.1 * np.median(found.weight)
     off = found.value - made
     assert np.all(np.abs(off) < 3 * found.sigma) and off @ np.linalg.solve(found.covariance, off) < 37.7
-    assert found.discrepancy.part < 0.02
 
 
 @pytest.mark.slow
