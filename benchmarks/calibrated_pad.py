@@ -1,7 +1,6 @@
-r"""How well a pad estimates, calibrated on some presses of a recording, on its other presses.
+"""How well a pad estimates, calibrated on some presses of a recording, on its other presses.
 
-    .venv/bin/python benchmarks/calibrated_pad.py CONFIG RECORDING --presses 0-4 --out FOLDER \
-        [--charts FOLDER]
+    .venv/bin/python benchmarks/calibrated_pad.py CONFIG RECORDING --presses 0-4 --out FOLDER
 
 Runs `softfuse calibrate` on those presses and `softfuse estimate` with what it wrote on all of the
 recording, and prints of both groups of samples: means of the force error [%], of all and within the paper's
@@ -18,7 +17,7 @@ import numpy as np
 from softfuse.cli import main
 from softfuse.cli.calibrate import parse_presses
 from softfuse.cli.recorded import sample_frames
-from softfuse.experiment.accuracy import WORKSPACE_CIRCLE_M
+from softfuse.experiment.accuracy import Samples
 from softfuse.hardware.recording import read_recording
 
 NINETY = 1.645
@@ -35,28 +34,18 @@ def run(*arguments: str | Path) -> float:
     return time.perf_counter() - started
 
 
-def shown(
-    name: str, estimated: dict[str, np.ndarray], true: dict[str, np.ndarray], which: np.ndarray
-) -> None:
+def shown(name: str, samples: Samples, inside: dict[str, np.ndarray], which: np.ndarray) -> None:
     """Print the numbers of a group of samples."""
-    off = {key: estimated[key] - true[key] for key in true}
-    force = 100 * np.abs(off["force_N"] / true["force_N"])
-    circle = np.hypot(true["x_mm"], true["y_mm"]) <= 1e3 * WORKSPACE_CIRCLE_M
-    place = np.hypot(off["x_mm"], off["y_mm"])
-    inside = {
-        key: np.mean(np.abs(off[key][which]) < NINETY * estimated[key.replace("_", "_sigma_")][which])
-        for key in true
-    }
+    force, place = 100 * samples.force_error, 1e3 * samples.location_error_m
+    circle = samples.groups()["circle"]
     print(f"{name}: {which.sum()} samples")
     print(
         f"  force error {force[which].mean():.2f} %, in the circle {force[which & circle].mean():.2f} %, "
         f"largest {force[which].max():.1f} %"
     )
     print(f"  location error {place[which].mean():.3f} mm, largest {place[which].max():.3f} mm")
-    print(
-        "  within the 90 % interval: "
-        + ", ".join(f"{key} {100 * part:.0f} %" for key, part in inside.items())
-    )
+    parts = (f"{key} {100 * part[which].mean():.0f} %" for key, part in inside.items())
+    print("  within the 90 % interval: " + ", ".join(parts))
 
 
 def main_program() -> None:
@@ -66,22 +55,31 @@ def main_program() -> None:
     parser.add_argument("recording", type=Path)
     parser.add_argument("--presses", required=True)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--charts", type=Path)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     fitted = given.out / "fitted.toml"
     calibrating = run("calibrate", given.config, given.recording, "--presses", given.presses, "--out", fitted)
-    charts = () if given.charts is None else ("--charts", given.charts)
-    run("estimate", fitted, given.recording, "--out", given.out, "--quiet", *charts)
+    run("estimate", fitted, given.recording, "--out", given.out, "--quiet")
     recording = read_recording(given.recording, ["press"])
     at = sample_frames(recording)
     found = read_recording(given.out / "estimates.csv", ["force_N"])
-    estimated = {name: column[at] for name, column in found.columns.items() if name != "status"}
+    said = {name: column[at] for name, column in found.columns.items()}
     true = {name: recording.columns[f"true_{name}"][at] for name in ("x_mm", "y_mm", "force_N")}
+    samples = Samples(
+        level=recording.columns["sample"][at].astype(int),
+        location_m=1e-3 * np.stack([said["x_mm"], said["y_mm"]], axis=1),
+        force_N=said["force_N"],
+        true_location_m=1e-3 * np.stack([true["x_mm"], true["y_mm"]], axis=1),
+        true_force_N=true["force_N"],
+    )
+    inside = {
+        name: np.abs(said[name] - value) < NINETY * said[name.replace("_", "_sigma_")]
+        for name, value in true.items()
+    }
     fit_to = np.isin(recording.columns["press"][at], list(parse_presses(given.presses)))
     print(f"calibrated in {calibrating:.0f} s")
-    shown("fitted to", estimated, true, fit_to)
-    shown("the others", estimated, true, ~fit_to)
+    shown("fitted to", samples, inside, fit_to)
+    shown("the others", samples, inside, ~fit_to)
 
 
 if __name__ == "__main__":

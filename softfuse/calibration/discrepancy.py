@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_triangular
 
 from softfuse.calibration.presses import Presses
-from softfuse.estimation.model_error import missed
+from softfuse.estimation.model_error import missed, whitening
 
 
 @dataclass(frozen=True)
@@ -36,12 +35,9 @@ class Discrepancy:
         inverse, ln_det = [], 0.0
         for k in range(told.shape[1]):
             on = told[:, k]
-            matrix = np.where(on[:, None] & on, alike * np.outer(sizes[:, k], sizes[:, k]), 0.0)
-            # A reading that says nothing is a 0 of deviation 1.
-            matrix += np.diag(np.where(on, presses.sigma[:, k] ** 2, 1.0))
-            factor = np.linalg.cholesky(matrix)
-            ln_det += 2 * np.sum(np.log(np.diag(factor)[on]))
-            inverse.append(np.where(on, solve_triangular(factor, np.eye(len(on)), lower=True), 0.0))
+            missing = alike * np.outer(sizes[:, k], sizes[:, k])
+            inverse.append(whitening(missing + np.diag(presses.sigma[:, k] ** 2), on))
+            ln_det -= 2 * np.sum(np.log(np.diag(inverse[-1])[on]))
         return Whitening(np.array(inverse), float(ln_det))
 
 

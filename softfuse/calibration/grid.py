@@ -23,9 +23,9 @@ class Grid:
     each_N: float
 
     @classmethod
-    def over(cls, x: tuple[float, float], y: tuple[float, float], force: float) -> "Grid":
-        """The grid over ranges of x and y [m]."""
-        return cls(np.linspace(*x, _SIDE), np.linspace(*y, _SIDE), force)
+    def over(cls, x: tuple[float, float], y: tuple[float, float], force: float, side: int = _SIDE) -> "Grid":
+        """The grid over ranges of x and y [m], of `side` places in each direction."""
+        return cls(np.linspace(*x, side), np.linspace(*y, side), force)
 
     @property
     def place_m(self) -> Float[np.ndarray, "s 3"]:

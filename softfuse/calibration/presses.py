@@ -4,9 +4,7 @@ One program answers for one press, its readings and their slopes in all paramete
 adjoint for each reading. It is compiled once and shared out over threads.
 """
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +18,7 @@ from softfuse.calibration.adjustment import Adjustments
 from softfuse.equilibrium.solution import RESULTS
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device, simulate
+from softfuse.estimation.side_by_side import side_by_side
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +61,6 @@ class Adjustable:
         self.adjustments = adjustments
         self._device = device
         self._others = np.zeros(device.loads(jnp.zeros((1, 3))).sizes.drives - 1)
-        self._threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
 
     def answer(
         self,
@@ -91,9 +89,7 @@ class Adjustable:
             slope, place_slope = slopes
             return np.asarray(reading), np.asarray(slope), np.asarray(place_slope)
 
-        with ThreadPoolExecutor(self._threads) as threads:
-            found = list(threads.map(one, place_m, force_N))
-        return Answer(*(np.array(each) for each in zip(*found, strict=True)))
+        return Answer(*side_by_side(one, place_m, force_N))
 
 
 @eqx.filter_jit

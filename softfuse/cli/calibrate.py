@@ -2,7 +2,7 @@
 
 import re
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -143,8 +143,10 @@ def _known_presses(
                 k + len(called): f"{name if name >= 0 else 'without number'}{where}"
                 for k, name in enumerate(names)
             }
-    fields = ("place_m", "force_N", "reading", "sigma", "press")
-    return Presses(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields)), called
+    whole = {
+        each.name: np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Presses)
+    }
+    return Presses(**whole), called
 
 
 def _samples(recording: Recording, at: Int[np.ndarray, " s"], sensed: list[Sensed]) -> Presses:

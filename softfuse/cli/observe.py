@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from softfuse.calibration.grid import Grid
 from softfuse.cli.estimate import make_folder
 from softfuse.cli.terminal import Quiet, busy, stdout, tracked_calls
 from softfuse.config import load
@@ -41,8 +42,8 @@ def observe(
     make_folder(out)
     with busy("meshing", quiet=quiet):
         device = build_device(settings)
-    x, y = (np.linspace(*ends, side) for ends in (contact.workspace.x, contact.workspace.y))
-    places = np.stack([*np.meshgrid(x, y, indexing="ij"), np.zeros((side, side))], axis=2).reshape(-1, 3)
+    grid = Grid.over(contact.workspace.x, contact.workspace.y, force, side)
+    places = grid.place_m
     with tracked_calls("pressing", total=len(places), quiet=quiet) as seen:
         answer = response(device, places, force, seen=seen)
     noise, known, one = (
@@ -58,8 +59,7 @@ def observe(
     )
     found = observability(answer, covariance, 1e-3 * place_sigma)
     _write(out / "observability.csv", places, force, found)
-    shape = (side, side)
-    report = _report(settings.device.name, 1e3 * x, 1e3 * y, shape, found, force, place_sigma)
+    report = _report(settings.device.name, grid, found, place_sigma)
     (out / "report.html").write_text(report, encoding="utf-8")
     if not quiet:
         lines = [f"{name}: {value}" for name, value in _summary(found)]
@@ -105,13 +105,11 @@ def _summary(found: Observability) -> list[tuple[str, str]]:
 
 def _report(
     name: str,
-    x_mm: np.ndarray,
-    y_mm: np.ndarray,
-    shape: tuple[int, int],
+    grid: Grid,
     found: Observability,
-    force: float,
     place_sigma: float,
 ) -> str:
+    x_mm, y_mm, shape = 1e3 * grid.x_m, 1e3 * grid.y_m, (len(grid.x_m), len(grid.y_m))
     place, blind = (
         1e3 * np.linalg.norm(each, axis=1).reshape(shape)
         for each in (found.place_sigma_m, found.blind_place_sigma_m)
@@ -120,7 +118,7 @@ def _report(
     alone = {"force [N]": found.blind_force_sigma_N.reshape(shape), "log10 of place [mm]": np.log10(blind)}
     singular = {f"singular value {k}": found.singular[:, k].reshape(shape) for k in range(3)}
     sections = [
-        (f"Standard deviations under {force:g} N", table(("of", "value"), _summary(found))),
+        (f"Standard deviations under {grid.each_N:g} N", table(("of", "value"), _summary(found))),
         (
             "With electrodes",
             picture(maps(x_mm, y_mm, with_place), f"Where electrodes know a place to {place_sigma:g} mm."),

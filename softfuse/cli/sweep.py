@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from softfuse.cli.interruption import termination_interrupts
-from softfuse.cli.sweep_cluster import cores, local_cluster, remote_cluster, solved
+from softfuse.cli.sweep_cluster import local_cluster, remote_cluster, solved
 from softfuse.cli.sweep_folder import Identity, SweepFolder
 from softfuse.cli.sweep_table import SweepTable
 from softfuse.cli.sweep_worker import Chunk, Pressed, chunks_of, installed_version
@@ -17,6 +17,7 @@ from softfuse.config.digest import digest
 from softfuse.config.file import file_text, parse
 from softfuse.config.sweep_plan import load_plan
 from softfuse.errors import SoftfuseError
+from softfuse.estimation.side_by_side import cores
 
 
 def sweep(

@@ -6,7 +6,6 @@ as the sweep, and without a dashboard; and an address that is given must be trus
 """
 
 import logging
-import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from softfuse.cli.sweep_table import Value
 from softfuse.cli.sweep_worker import Chunk, solve_chunk
 from softfuse.errors import SoftfuseError
+from softfuse.estimation.side_by_side import cores
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -25,11 +25,6 @@ _ANSWER_S = 10
 """How long a scheduler may take to answer."""
 _EVENTS = "all"
 """Dask's topic of what happens to workers."""
-
-
-def cores() -> int:
-    """How many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

@@ -61,16 +61,14 @@ def busy(description: str, *, quiet: bool) -> Iterator[None]:
 
 def tracked(items: Iterable[T], description: str, *, total: int | None, quiet: bool) -> Iterator[T]:
     """The items one by one, with a bar that shows how many of the total are done and the time left."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=stderr, transient=True, disable=_hidden(quiet)) as progress:
+    with _bar(quiet=quiet) as progress:
         yield from progress.track(items, total=total, description=description)
 
 
 @contextmanager
 def tracked_calls(description: str, *, total: int, quiet: bool) -> Iterator[Callable[[], None]]:
     """Show with a bar how many of a total of calls of what is given have been made, and the time left."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=stderr, transient=True, disable=_hidden(quiet)) as progress:
+    with _bar(quiet=quiet) as progress:
         task = progress.add_task(description, total=total)
         yield lambda: progress.advance(task)
 
@@ -90,6 +88,11 @@ def counted(description: str, what: str, *, quiet: bool) -> Iterator[Callable[[]
         task = progress.add_task(description, total=None, n="")
         numbers = count(1)
         yield lambda: progress.update(task, n=f"{next(numbers)} {what}")
+
+
+def _bar(*, quiet: bool) -> Progress:
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Progress(*columns, console=stderr, transient=True, disable=_hidden(quiet))
 
 
 def _hidden(quiet: bool) -> bool:

@@ -9,9 +9,7 @@ the singular values of A, per newton and per millimetre, say how many directions
 and how well.
 """
 
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,6 +23,7 @@ from softfuse.equilibrium.punch import PunchContact
 from softfuse.equilibrium.solution import RESULTS
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device, simulate
+from softfuse.estimation.side_by_side import side_by_side
 
 _PER = np.array([1.0, 1e3, 1e3])
 """Force in N, places in mm."""
@@ -81,10 +80,7 @@ def response(
         seen()
         return np.asarray(reading), np.asarray(by_drive)[:, 0], np.asarray(by_place) @ tangents.T
 
-    threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    with ThreadPoolExecutor(threads) as pool:
-        found = list(pool.map(one, places_m))
-    return Response(*(np.array(each) for each in zip(*found, strict=True)))
+    return Response(*side_by_side(one, places_m))
 
 
 @eqx.filter_jit

@@ -186,6 +186,8 @@ class Tracker:
         self.compile_s = time.perf_counter() - started
         self._limits, self._upper = limits, np.asarray(limits.upper)
         self._split = places.shape[0] * device.contact.drives
+        # A contact's forces together: the sum over its drives.
+        self._adding = np.kron(np.eye(places.shape[0]), np.ones(device.contact.drives))
         free = self._upper[self._split :] > np.asarray(limits.lower)[self._split :]
         gauges = np.array(device.gauges, int)
         self._strokes = device.readings - len(gauges) + np.flatnonzero(free[gauges])
@@ -201,7 +203,7 @@ class Tracker:
         self._senses.reset()
         self._stroke, self._seen_s = 0.0, -np.inf
         self._offset = ModelOffset.none(self.estimator.device.readings)
-        self._force_N = np.zeros(self._split // self.estimator.device.contact.drives)
+        self._force_N = np.zeros(len(self._adding))
         self.estimator.reset()
 
     def update(self, frame: Frame) -> Tracked:
@@ -223,7 +225,7 @@ class Tracker:
         started = time.perf_counter()
         sensed = finding.sensed
         said = [status for status, true in sensed.flags.items() if true]
-        attached, contacts = len(self._upper) - self._split, len(sensed.touching)
+        attached = len(self._upper) - self._split
         still = np.zeros((len(self._upper), len(self._upper)))
         found = _Estimated(np.zeros(len(still)), still, np.full(sensed.reading.shape, np.nan), [])
         if not sensed.touching.any():
@@ -233,10 +235,8 @@ class Tracker:
             said += found.doubts
         elif not sensed.touching.any():
             self.estimator.reset()
-        # A contact's forces together: the sum over its drives.
-        adding = np.kron(np.eye(contacts), np.ones(self._split // contacts))
-        force = adding @ found.drive[: self._split]
-        covariance = adding @ found.covariance[: self._split, : self._split] @ adding.T
+        force = self._adding @ found.drive[: self._split]
+        covariance = self._adding @ found.covariance[: self._split, : self._split] @ self._adding.T
         unknown = np.asarray(sensed.touching & ~sensed.pressing)
         self._force_N = np.nan_to_num(force)
         return Tracked(
@@ -255,7 +255,7 @@ class Tracker:
             time.perf_counter() - started,
         )
 
-    def _estimate(self, sensed: Sensed, time_s: float) -> "_Estimated":
+    def _estimate(self, sensed: Sensed, time_s: float) -> _Estimated:
         clear, valid, places = bool(sensed.clear), np.asarray(sensed.valid), np.asarray(sensed.places)
         reading = sensed.reading if clear else sensed.reading - self._offset.at(self._stroke)
         allowed = np.ones(len(self._upper), bool)
