@@ -34,7 +34,7 @@ from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.pad_electrodes import LineElectrodes
 from softfuse.experiment.pad_field import FieldSettings
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
-from softfuse.experiment.pad_touches import pad_touches
+from softfuse.experiment.pad_touches import PadBed, pad_touches
 from softfuse.experiment.virtual_pad import Touch
 from softfuse.sensing import follow_peak, no_peak, peak_signal
 
@@ -58,7 +58,7 @@ def frames_of(config: DeviceConfig) -> tuple[np.ndarray, np.ndarray]:
     )
     electrodes = replace(plan.array, field=FieldSettings(radius=pad.radius, cuts=3, bottom_side=2e-3))
     places = tuple(Touch(touch.at, FORCES_N) for touch in plan.touches)
-    touches = pad_touches(pad, electrodes, places, plan.gaps, plan=SparseLU.plan)
+    touches = pad_touches(PadBed(pad, electrodes, plan.gaps, plan=SparseLU.plan), places)
     programme = pad_programme(touches, PadTiming(), plan.parts, plan.flows, plan.electrodes)
     times = np.arange(0.0, programme.period_s, 0.01)
     return times, Readout(programme, plan.electronics(1), (1, 2, 3)).read(times)

@@ -38,7 +38,7 @@ def build_virtual(config: DeviceConfig, *, folder: Path | None, seed: int) -> Vi
     config is none of a pad or a finger with sensors, MeshError or SolveError when it cannot be made or
     pressed.
     """
-    plan = _plan(config)
+    plan = build_plan(config)
     programme = plan.programme(folder)
     assert config.sensors is not None  # the plan has told
     electrodes = plan.electrodes
@@ -50,7 +50,8 @@ def build_virtual(config: DeviceConfig, *, folder: Path | None, seed: int) -> Vi
     )
 
 
-def _plan(config: DeviceConfig) -> PadPlan | FingerPlan:
+def build_plan(config: DeviceConfig) -> PadPlan | FingerPlan:
+    """What a virtual body for the config is, and what is done to it; ConfigError as `build_virtual`."""
     if config.sensors is None:
         raise ConfigError(f"{config.path}: sensors: missing, a virtual device has nothing to send")
     if len(config.body.materials) != 1:

@@ -1,6 +1,6 @@
 """From settings to a virtual finger that is pushed from the left and bent by its cable."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from softfuse.experiment.channel_electronics import ChannelElectronics
 from softfuse.experiment.finger_electronics import Electronics
 from softfuse.experiment.finger_motion import Timing, motion
 from softfuse.experiment.finger_programme import finger_channels, finger_programme
-from softfuse.experiment.finger_pushes import Push, Steps
+from softfuse.experiment.finger_pushes import Pose, Push, Steps
 from softfuse.experiment.kept_poses import kept_finger_poses
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_finger import SIDES, FingerSettings, Side, electrode_index
@@ -51,7 +51,14 @@ class FingerPlan:
 
     def programme(self, folder: Path | None) -> Programme:
         """The programme of all pushes; see `build_virtual`."""
-        passed = kept_finger_poses(folder, self.settings, self.steps, self.pushes)
+        return self._of(kept_finger_poses(folder, self.settings, self.steps, self.pushes))
+
+    def programmes(self, folder: Path | None, *, solved: Callable[[], None] | None = None) -> list[Programme]:
+        """A programme of each push; see `kept_finger_poses`."""
+        found = kept_finger_poses(folder, self.settings, self.steps, self.pushes, solved=solved)
+        return [self._of([passed]) for passed in found]
+
+    def _of(self, passed: Sequence[tuple[Push, Sequence[Pose]]]) -> Programme:
         moved = motion(passed, Timing())
         radius, half = self.settings.tip_radius, self.settings.electrode_half
         return finger_programme(moved, self.parts, radius, half, self.channels, self.numbers)

@@ -1,5 +1,6 @@
 """From settings to a virtual pad that is touched at four places of its workspace."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from softfuse.experiment.pad_electrodes import AbstractPadElectrodes, GridElectr
 from softfuse.experiment.pad_electronics import PadElectronics
 from softfuse.experiment.pad_field import CrossedLines, FieldSettings
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
+from softfuse.experiment.pad_touches import PadTouches, one_after_the_other
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_pad import PadSettings, Touch
 from softfuse.mesh.pad import PadGeometry
@@ -61,7 +63,15 @@ class PadPlan:
     def programme(self, folder: Path | None) -> Programme:
         """The programme of all touches; see `build_virtual`."""
         found = kept_pad_touches(folder, self.settings, self.array, self.touches, self.gaps)
-        return pad_programme(found, PadTiming(), self.parts, self.flows, self.electrodes)
+        return self._of(one_after_the_other(found))
+
+    def programmes(self, folder: Path | None, *, solved: Callable[[], None] | None = None) -> list[Programme]:
+        """A programme of each touch; see `kept_pad_touches`."""
+        found = kept_pad_touches(folder, self.settings, self.array, self.touches, self.gaps, solved=solved)
+        return [self._of(each) for each in found]
+
+    def _of(self, touches: PadTouches) -> Programme:
+        return pad_programme(touches, PadTiming(), self.parts, self.flows, self.electrodes)
 
     def electronics(self, seed: int) -> ChannelElectronics:
         """The programme's channels."""

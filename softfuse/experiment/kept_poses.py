@@ -1,4 +1,4 @@
-"""Equilibria of virtual bodies, computed once and kept on disk (`pose_cache`)."""
+"""Equilibria of virtual bodies, computed once and kept on disk (`pose_cache`), each touch or push alone."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
@@ -8,7 +8,7 @@ import numpy as np
 
 from softfuse.experiment.finger_pushes import FingerSolver, Pose, Push, Steps
 from softfuse.experiment.pad_electrodes import AbstractPadElectrodes
-from softfuse.experiment.pad_touches import PadTouches, pad_touches
+from softfuse.experiment.pad_touches import PadBed, PadTouches, check_forces
 from softfuse.experiment.pose_cache import kept, settings_digest
 from softfuse.experiment.virtual_finger import FingerSettings, virtual_finger
 from softfuse.experiment.virtual_pad import PadSettings, Touch
@@ -22,16 +22,26 @@ def kept_pad_touches(
     gaps: Sequence[float],
     *,
     solved: Callable[[], None] | None = None,
-) -> PadTouches:
-    """What `pad_touches` gives, from the folder if it is there; None: computed and not kept."""
+) -> list[PadTouches]:
+    """Touches, which must have as many forces, one by one, from the folder those that are there; None:
+    computed and not kept.
+
+    `solved` is called after each equilibrium that is computed.
+    """
+    check_forces(touches)
     names = frozenset(field.name for field in fields(PadTouches))
+    files = [f"pad-{settings_digest(settings, electrodes, touch, tuple(gaps))}" for touch in touches]
 
-    def compute() -> Mapping[str, np.ndarray]:
-        found = pad_touches(settings, electrodes, touches, gaps, solved=solved)
-        return {name: getattr(found, name) for name in names}
+    def start() -> Callable[[int], Mapping[str, np.ndarray]]:
+        bed = PadBed(settings, electrodes, gaps)
 
-    digest = settings_digest(settings, electrodes, tuple(touches), tuple(gaps))
-    return PadTouches(**kept(folder, f"pad-{digest}", names, compute))
+        def compute(k: int) -> Mapping[str, np.ndarray]:
+            found = bed.touched(touches[k], solved=solved)
+            return {name: getattr(found, name) for name in names}
+
+        return compute
+
+    return [PadTouches(**arrays) for arrays in kept(folder, files, names, start)]
 
 
 def kept_finger_poses(
@@ -42,22 +52,24 @@ def kept_finger_poses(
     *,
     solved: Callable[[], None] | None = None,
 ) -> list[tuple[Push, list[Pose]]]:
-    """Each push and its poses, from the folder if they are there; None: computed and not kept."""
-    parts = [field.name for field in fields(Pose)]
-    names = frozenset(f"{part}_{k}" for k in range(len(pushes)) for part in parts)
+    """Each push and its poses, from the folder those that are there; None: computed and not kept.
 
-    def compute() -> Mapping[str, np.ndarray]:
+    `solved` is called after each equilibrium that is computed.
+    """
+    names = frozenset(field.name for field in fields(Pose))
+    files = [f"finger-{settings_digest(settings, steps, push)}" for push in pushes]
+
+    def start() -> Callable[[int], Mapping[str, np.ndarray]]:
         solver = FingerSolver(virtual_finger(settings), steps)
-        arrays: dict[str, np.ndarray] = {}
-        for k, push in enumerate(pushes):
-            poses = solver.poses(push, solved=solved)
-            arrays |= {f"{part}_{k}": np.stack([getattr(pose, part) for pose in poses]) for part in parts}
-        return arrays
 
-    arrays = kept(folder, f"finger-{settings_digest(settings, steps, tuple(pushes))}", names, compute)
-    found = []
-    for k, push in enumerate(pushes):
-        count = len(arrays[f"cable_{k}"])
-        poses = [Pose(**{part: arrays[f"{part}_{k}"][i] for part in parts}) for i in range(count)]
-        found.append((push, poses))
-    return found
+        def compute(k: int) -> Mapping[str, np.ndarray]:
+            poses = solver.poses(pushes[k], solved=solved)
+            return {name: np.stack([getattr(pose, name) for pose in poses]) for name in names}
+
+        return compute
+
+    found = kept(folder, files, names, start)
+    return [
+        (push, [Pose(**{name: arrays[name][i] for name in names}) for i in range(len(arrays["cable"]))])
+        for push, arrays in zip(pushes, found, strict=True)
+    ]

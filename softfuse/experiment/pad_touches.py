@@ -4,7 +4,7 @@ Volumes are those of equilibria, and electrodes say what `pad_electrodes` make o
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Float
@@ -36,47 +36,73 @@ class PadTouches:
     pressed: Float[np.ndarray, "t l e"]
 
 
-def pad_touches(
-    settings: PadSettings,
-    electrodes: AbstractPadElectrodes,
-    touches: Sequence[Touch],
-    gaps: Sequence[float],
-    *,
-    plan: Callable[[Body], AbstractLinearSolver] = Multifrontal.plan,
-    solved: Callable[[], None] | None = None,
-) -> PadTouches:
-    """Touch a virtual pad, with the punch at increasing gaps in m, the first of them 0, and under all forces.
+class PadBed:
+    """A virtual pad under a punch; one program is compiled for all touches, from any thread."""
 
-    plan: of the linear solver; `solved` is called after each equilibrium. Raises ConfigError or MeshError for
-    a pad or touches that cannot be, SolveError when an equilibrium is not found.
-    """
+    def __init__(
+        self,
+        settings: PadSettings,
+        electrodes: AbstractPadElectrodes,
+        gaps: Sequence[float],
+        *,
+        plan: Callable[[Body], AbstractLinearSolver] = Multifrontal.plan,
+    ) -> None:
+        """gaps: increasing, in m, the first of them 0; plan: of the linear solver.
+
+        Raises ConfigError or MeshError for a pad that cannot be.
+        """
+        pad = virtual_pad(settings)
+        self._electrodes, self._gaps = electrodes, tuple(gaps)
+        self._top = np.array([0.0, 0.0, settings.drawing.size[2]])
+        self._carried = Carried.of(pad.body, electrodes.points + self._top)
+        self._solver = PadSolver(pad, plan=plan)
+
+    def touched(self, touch: Touch, *, solved: Callable[[], None] | None = None) -> PadTouches:
+        """One touch, at all gaps and under all its forces; `solved` is called after each equilibrium.
+
+        Raises ConfigError for a punch that overhangs, SolveError when an equilibrium is not found.
+        """
+        poses = self._solver.poses(touch, solved=solved)
+        near = [self._electrodes.near(touch.at, gap) for gap in self._gaps]
+        pressed = [near[0]] + [
+            self._electrodes.pressed(touch.at, pose, self._carried.at(pose.nodes) - self._top)
+            for pose in poses[1:]
+        ]
+
+        def of_poses(value: Callable[[PadPose], float | np.ndarray]) -> np.ndarray:
+            return np.array([[value(pose) for pose in poses]])
+
+        return PadTouches(
+            at=np.array([touch.at]),
+            gap=np.array(self._gaps),
+            near=np.array([near]),
+            force=of_poses(lambda pose: pose.force),
+            depth=of_poses(lambda pose: pose.depth),
+            volume=of_poses(lambda pose: pose.volume),
+            pressed=np.array([pressed]),
+        )
+
+
+def pad_touches(bed: PadBed, touches: Sequence[Touch]) -> PadTouches:
+    """All touches, which must have as many forces each; raises what `PadBed.touched` raises."""
+    check_forces(touches)
+    return one_after_the_other([bed.touched(touch) for touch in touches])
+
+
+def check_forces(touches: Sequence[Touch]) -> None:
+    """Raises ConfigError unless all touches have as many forces."""
     counts = {len(touch.forces) for touch in touches}
     if len(counts) != 1:
         raise ConfigError(
             f"touches with {sorted(counts)} forces: give one or more touches, with as many each"
         )
-    pad = virtual_pad(settings)
-    top = np.array([0.0, 0.0, settings.drawing.size[2]])
-    carried = Carried.of(pad.body, electrodes.points + top)
-    solver = PadSolver(pad, plan=plan)
-    near, poses, pressed = [], [], []
-    for touch in touches:
-        poses.append(solver.poses(touch, solved=solved))
-        near.append([electrodes.near(touch.at, gap) for gap in gaps])
-        pressed.append(
-            [near[-1][0]]
-            + [electrodes.pressed(touch.at, pose, carried.at(pose.nodes) - top) for pose in poses[-1][1:]]
-        )
 
-    def gathered(value: Callable[[PadPose], float | np.ndarray]) -> np.ndarray:
-        return np.array([[value(pose) for pose in each] for each in poses])
 
-    return PadTouches(
-        at=np.array([touch.at for touch in touches]),
-        gap=np.array(gaps),
-        near=np.array(near),
-        force=gathered(lambda pose: pose.force),
-        depth=gathered(lambda pose: pose.depth),
-        volume=gathered(lambda pose: pose.volume),
-        pressed=np.array(pressed),
-    )
+def one_after_the_other(parts: Sequence[PadTouches]) -> PadTouches:
+    """The touches of all parts, which have the same gaps and as many forces."""
+    arrays = {
+        each.name: np.concatenate([getattr(part, each.name) for part in parts])
+        for each in fields(PadTouches)
+        if each.name != "gap"
+    }
+    return PadTouches(gap=parts[0].gap, **arrays)

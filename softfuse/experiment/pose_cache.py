@@ -1,6 +1,6 @@
 """Arrays that take long to compute, kept in a folder: one npz file for each set of settings.
 
-The file's name holds a digest of the settings, of the code's revision and of the package's version, so that
+A file's name holds a digest of the settings, of the code's revision and of the package's version, so that
 what is found was made by the same from the same. A file that cannot be read is made anew; a folder that
 cannot be written is done without.
 """
@@ -12,14 +12,16 @@ import os
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from softfuse.estimation.side_by_side import shared_out
+
 log = logging.getLogger(__name__)
 
-REVISION = 1
+REVISION = 2
 """To be raised when other arrays come of the same settings."""
 
 Arrays = Mapping[str, np.ndarray]
@@ -31,18 +33,33 @@ def settings_digest(*settings: object) -> str:
     return hashlib.sha256(said.encode()).hexdigest()[:24]
 
 
-def kept(folder: Path | None, name: str, names: frozenset[str], compute: Callable[[], Arrays]) -> Arrays:
-    """The arrays `names` of a file in the folder, or else computed and kept there; without a folder,
-    computed.
+def kept(
+    folder: Path | None,
+    files: Sequence[str],
+    names: frozenset[str],
+    start: Callable[[], Callable[[int], Arrays]],
+) -> list[Arrays]:
+    """The arrays `names` of each of some files in the folder, those that are not there computed and kept;
+    without a folder, computed.
+
+    `start` is called when something must be computed, and gives what computes the arrays of the k-th file; it
+    is shared out over the cores, and each file is written when it is computed.
     """
-    path = None if folder is None else folder / f"{name}.npz"
-    found = None if path is None else _read(path, names)
-    if found is not None:
-        return found
-    arrays = compute()
-    if path is not None:
-        _write(path, arrays)
-    return arrays
+    paths = [None if folder is None else folder / f"{file}.npz" for file in files]
+    found = [None if path is None else _read(path, names) for path in paths]
+    missing = [k for k, arrays in enumerate(found) if arrays is None]
+    if missing:
+        compute = start()
+
+        def make(k: int) -> Arrays:
+            arrays, path = compute(k), paths[k]
+            if path is not None:
+                _write(path, arrays)
+            return arrays
+
+        for k, arrays in zip(missing, shared_out(make, missing), strict=True):
+            found[k] = arrays
+    return [arrays for arrays in found if arrays is not None]
 
 
 def _read(path: Path, names: frozenset[str]) -> Arrays | None:
@@ -54,7 +71,7 @@ def _read(path: Path, names: frozenset[str]) -> Arrays | None:
     except (OSError, ValueError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error) as error:
         log.warning("%s cannot be read and is made anew: %s", path, error)
         return None
-    if set(arrays) != names or not all(np.isfinite(array).all() for array in arrays.values()):
+    if set(arrays) != names:
         log.warning("%s does not hold what it should and is made anew", path)
         return None
     return arrays

@@ -2,8 +2,9 @@
 
 It differs from the drawing in what an estimator does not know: Yeoh silicone that stiffens with strain,
 cavities that are off their places and sizes, and its own mesh. The errors are uniform in ± their bound, drawn
-from `seed`. It is pressed by a rigid flat round punch straight down (`equilibrium.punch`), slowly; no
-gravity, no viscosity. z runs from the fixed bottom to the top, x and y are centred (see `mesh.pad`).
+from `seed`. It is pressed by a rigid flat round punch straight down (`equilibrium.punch`), bare or through a
+skin, slowly; no gravity, no viscosity. z runs from the fixed bottom to the top, x and y are centred (see
+`mesh.pad`).
 """
 
 from collections.abc import Callable
@@ -50,9 +51,9 @@ class PadSettings:
     """The drawing, what it is made of, how finely it is computed, and the punch; lengths in m.
 
     shear_modulus in Pa and poisson at small strains; with larger ones it stiffens as `silicone` does.
-    surface_size, base_size, growth: see `mesh.pad.pad_mesh`. radius: of the punch; rims, sectors: its cells,
-    see `functional.pressure_cells.flat_punch`. A coarse mesh cannot tell many apart, and
-    there is no equilibrium.
+    surface_size, base_size, growth: see `mesh.pad.pad_mesh`. radius: of the punch; layer [m/Pa]: compliance
+    of the skin between punch and pad; rims, sectors: its cells, see `functional.pressure_cells.flat_punch`. A
+    coarse mesh cannot tell many apart, and there is no equilibrium.
     """
 
     drawing: PadGeometry
@@ -63,6 +64,7 @@ class PadSettings:
     base_size: float = 16e-3
     growth: float = 1.0
     radius: float = 10e-3
+    layer: float = 0.0
     rims: tuple[float, ...] = (0.5, 0.85, 1.0)
     sectors: tuple[int, ...] = (4, 8, 12)
     errors: PadErrors = PadErrors()
@@ -125,7 +127,7 @@ def virtual_pad(settings: PadSettings) -> VirtualPad:
     body = Body.from_mesh(mesh, (law,), bottom, element=TAYLOR_HOOD)
     surface = ContactSurface.facing(outer_surface(mesh).faces, mesh.nodes, _DOWN)
     cells = flat_punch(settings.rims, settings.sectors)
-    disc = Contact(surface, cells, jnp.zeros(3), jnp.asarray(settings.radius))
+    disc = Contact(surface, cells, jnp.zeros(3), jnp.asarray(settings.radius), settings.layer)
     walls = tuple(Cavity(jnp.asarray(wall.faces)) for wall in cavities(mesh, centres))
     return VirtualPad(settings, body, walls, PunchContact(disc))
 

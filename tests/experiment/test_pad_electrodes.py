@@ -14,7 +14,7 @@ from softfuse.experiment import kept_poses
 from softfuse.experiment.electrode_electronics import CellElectronics
 from softfuse.experiment.mutual_field import MutualField
 from softfuse.experiment.pad_electrodes import GridElectrodes
-from softfuse.experiment.pad_touches import PadTouches, pad_touches
+from softfuse.experiment.pad_touches import PadBed, PadTouches, pad_touches
 from softfuse.experiment.pose_cache import settings_digest
 from softfuse.experiment.virtual_pad import PadErrors, PadPose, PadSettings, Touch
 from softfuse.mesh.pad import PadGeometry
@@ -74,9 +74,9 @@ def test_crosstalk_is_what_cells_of_the_same_lines_add() -> None:
 def test_what_is_kept_differs_by_every_setting_of_the_grid(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
-    def kept(folder, name, names, compute):
-        asked.append(name)
-        return dict.fromkeys(names, np.zeros(1))
+    def kept(folder, files, names, start):
+        asked.extend(files)
+        return [dict.fromkeys(names, np.zeros(1)) for _ in files]
 
     monkeypatch.setattr(kept_poses, "kept", kept)
     changes = {
@@ -115,7 +115,7 @@ SETTINGS = PadSettings(
 
 def test_equilibria_and_cells_come_together() -> None:
     gaps, forces = (0.0, 2e-3, 25e-3), (1.0, 3.0)
-    found = pad_touches(SETTINGS, GRID, [Touch((8e-3, -5e-3), forces)], gaps, plan=SparseLU.plan)
+    found = pad_touches(PadBed(SETTINGS, GRID, gaps, plan=SparseLU.plan), [Touch((8e-3, -5e-3), forces)])
     assert isinstance(found, PadTouches)
     assert found.near.shape == (1, 3, 16) and found.pressed.shape == (1, 3, 16)
     np.testing.assert_array_equal(found.pressed[:, 0], found.near[:, 0])

@@ -13,7 +13,7 @@ from softfuse.experiment.pad_electrodes import LineElectrodes
 from softfuse.experiment.pad_electronics import PadElectronics
 from softfuse.experiment.pad_field import ArrayField, CrossedLines, FieldSettings, line_panels
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
-from softfuse.experiment.pad_touches import PadTouches, pad_touches
+from softfuse.experiment.pad_touches import PadBed, PadTouches, pad_touches
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_pad import PadErrors, PadSettings, Touch, virtual_pad
 from softfuse.mesh.pad import PadGeometry
@@ -50,7 +50,8 @@ PLACES = ((15 * MM, 9 * MM), (-15 * MM, 9 * MM), (0.0, 0.0))
 
 @pytest.fixture(scope="module")
 def touches() -> PadTouches:
-    return pad_touches(SETTINGS, ELECTRODES, [Touch(at, FORCES) for at in PLACES], GAPS, plan=SparseLU.plan)
+    bed = PadBed(SETTINGS, ELECTRODES, GAPS, plan=SparseLU.plan)
+    return pad_touches(bed, [Touch(at, FORCES) for at in PLACES])
 
 
 @pytest.fixture(scope="module")
@@ -92,13 +93,14 @@ def test_errors_of_making_shift_cavities_within_their_bounds() -> None:
 
 
 def test_a_punch_that_overhangs_and_forces_that_fall_are_refused() -> None:
+    bed = PadBed(SETTINGS, ELECTRODES, GAPS)
     with pytest.raises(ConfigError, match="overhangs"):
-        pad_touches(SETTINGS, ELECTRODES, [Touch((0.03, 0.0), FORCES)], GAPS)
+        pad_touches(bed, [Touch((0.03, 0.0), FORCES)])
     for forces in ((), (0.0,), (2.0, 1.0)):
         with pytest.raises(ConfigError, match="increase"):
             Touch((0.0, 0.0), forces)
     with pytest.raises(ConfigError, match="as many"):
-        pad_touches(SETTINGS, ELECTRODES, [Touch((0, 0), (1.0,)), Touch((0, 0), FORCES)], GAPS)
+        pad_touches(bed, [Touch((0, 0), (1.0,)), Touch((0, 0), FORCES)])
 
 
 def test_panels_tile_the_array_and_every_line() -> None:

@@ -21,7 +21,7 @@ from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.pad_electrodes import LineElectrodes
 from softfuse.experiment.pad_field import FieldSettings
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
-from softfuse.experiment.pad_touches import pad_touches
+from softfuse.experiment.pad_touches import PadBed, pad_touches
 from softfuse.experiment.virtual_pad import Touch
 from softfuse.functional.pressure_cells import flat_punch
 
@@ -73,9 +73,8 @@ def found(config: DeviceConfig) -> Found:
     assert isinstance(plan.array, LineElectrodes)
     field = FieldSettings(radius=pad.radius, cuts=3, bottom_side=2e-3)
     electrodes = replace(plan.array, field=field)
-    touches = pad_touches(
-        pad, electrodes, TOUCHES, (0.0, 0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3, 25e-3), plan=SparseLU.plan
-    )
+    gaps = (0.0, 0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3, 25e-3)
+    touches = pad_touches(PadBed(pad, electrodes, gaps, plan=SparseLU.plan), TOUCHES)
     tracker = build_tracker(config, device)
     small = [_force_of(tracker, at, volume[1]) for at, volume in zip(touches.at, touches.volume, strict=True)]
     tracker.reset()
