@@ -1,11 +1,15 @@
 """softfuse estimate: from a recording of sensors to location, force and shape in every frame."""
 
 import json
-from collections.abc import Sequence
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
+from jaxtyping import Bool
 
 from softfuse.cli.finger_study import FingerStudy
 from softfuse.cli.pad_study import PadStudy
@@ -19,7 +23,8 @@ from softfuse.config.build_mesh import build_mesh
 from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
 from softfuse.errors import SoftfuseError
-from softfuse.hardware.recording import read_recording
+from softfuse.estimation.tracker import Frame, Tracker
+from softfuse.hardware.recording import Recording, read_recording
 
 
 def estimate(
@@ -27,27 +32,25 @@ def estimate(
     recording: Annotated[Path, typer.Argument(help="Recording of its sensors (.csv or .csv.gz).")],
     out: Annotated[Path, typer.Option(help="Folder for estimates.csv, summary.json and report.html.")],
     charts: Charts = None,
+    every: Annotated[
+        int, typer.Option(help="Estimate every so many frames only, and samples with truth.", min=1)
+    ] = 1,
     quiet: Quiet = False,
 ) -> None:
-    """Estimate contact location, force and shape in every frame of a recording."""
+    """Estimate contact location, force and shape in the frames of a recording."""
     settings = load(config)
-    frames = read_recording(recording, sensor_columns(settings))
+    whole = read_recording(recording, sensor_columns(settings))
     make_folder(out)
     with busy("meshing", quiet=quiet):
         mesh = build_mesh(settings)
         device = build_device(settings, mesh)
-        estimated = Estimated(settings, device, mesh, frames)
+        part = Part.of(whole, every)
+        estimated = Estimated(settings, device, mesh, part.recording)
         study = study_of(estimated)
     with busy("compiling", quiet=quiet):
         tracker = build_tracker(settings, with_charts(settings, device, charts))
-    readings = sensor_frames(settings, frames)
-    with (out / "estimates.csv").open("w", newline="") as stream:
-        rows = EstimateRows(stream, estimated, study)
-        for k, frame in enumerate(tracked(readings, "estimating", total=len(readings), quiet=quiet)):
-            now = tracker.update(frame)
-            estimated.found.append(now)
-            study.see(now, tracker.state)
-            rows.write(k)
+    frames = tracked(sensor_frames(settings, whole), "estimating", total=len(whole.time_s), quiet=quiet)
+    follow(tracker, frames, part, estimated, study, out / "estimates.csv")
     write_shapes(out, estimated, study)
     numbers = summary(estimated, study) | {"compile_s": tracker.compile_s}
     (out / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
@@ -55,6 +58,44 @@ def estimate(
         write_report(out / "report.html", estimated, study, numbers)
     if not quiet:
         _tell(numbers, study.errors, out)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The frames of a recording that are estimated, flagged among all of its n frames, and alone."""
+
+    estimated: Bool[np.ndarray, " n"]
+    recording: Recording
+
+    @classmethod
+    def of(cls, whole: Recording, every: int) -> "Part":
+        """Every so many frames, and the samples with truth."""
+        estimated = np.arange(len(whole.time_s)) % every == 0
+        if "sample" in whole.columns:
+            estimated |= whole.columns["sample"] > 0
+        return cls(estimated, whole.rows(np.flatnonzero(estimated)))
+
+
+def follow(
+    tracker: Tracker,
+    frames: Iterable[Frame],
+    part: Part,
+    estimated: Estimated,
+    study: AbstractStudy,
+    csv: Path,
+) -> None:
+    """Let the tracker sense all frames and estimate a part of them, and write that down as it is found."""
+    with csv.open("w", newline="") as stream:
+        rows = EstimateRows(stream, estimated, study)
+        for frame, wanted in zip(frames, part.estimated, strict=True):
+            started = time.perf_counter()
+            finding = tracker.sense(frame)
+            if not wanted:
+                continue
+            now = tracker.estimate(frame.time_s, finding)
+            estimated.found.append(replace(now, latency_s=time.perf_counter() - started))
+            study.see(estimated.found[-1], tracker.state)
+            rows.write(len(estimated.found) - 1)
 
 
 def study_of(estimated: Estimated) -> AbstractStudy:

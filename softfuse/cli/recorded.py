@@ -47,4 +47,6 @@ def samples_at(recording: Recording, found: Sequence[Tracked], at: Int[np.ndarra
         force_N=np.array([found[i].force_N for i in at]),
         true_location_m=1e-3 * np.stack([columns["true_x_mm"], columns["true_y_mm"]], axis=1)[at],
         true_force_N=columns["true_force_N"][at],
+        location_sigma_m=np.array([found[i].centre_sigma_m for i in at]).reshape(-1, 2),
+        force_sigma_N=np.array([found[i].force_sigma_N for i in at]),
     )

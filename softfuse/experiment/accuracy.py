@@ -4,20 +4,25 @@ Location error: distance of the estimated from the true contact. Force error: |F
 all samples, over those whose true location lies within the workspace circle, and over each force level.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 WORKSPACE_CIRCLE_M = 28e-3
 """Radius of the paper's workspace circle [m]."""
 
+NINETY = 1.645
+"""Standard deviations to each side that hold 90 % of a normal distribution."""
+
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Estimates and truth at the instants that count: level (s,) from 1, location (s, 2) [m], force (s,) [N].
+    """Estimates and truth at the instants that count: level (s,) from 1, location (s, 2) [m], force (s,) [N],
+    and the standard deviations of both.
 
-    NaN where there is no estimate.
+    NaN where there is no estimate, or its standard deviation is not known.
     """
 
     level: Int[np.ndarray, " s"]
@@ -25,6 +30,8 @@ class Samples:
     force_N: Float[np.ndarray, " s"]
     true_location_m: Float[np.ndarray, "s 2"]
     true_force_N: Float[np.ndarray, " s"]
+    location_sigma_m: Float[np.ndarray, "s 2"]
+    force_sigma_N: Float[np.ndarray, " s"]
 
     @property
     def location_error_m(self) -> Float[np.ndarray, " s"]:
@@ -35,6 +42,15 @@ class Samples:
     def force_error(self) -> Float[np.ndarray, " s"]:
         """|F − F_true| / F_true (s,) [-]."""
         return np.abs(self.force_N / self.true_force_N - 1)
+
+    def only(self, which: Bool[np.ndarray, " s"]) -> "Samples":
+        """Those of the samples for which it holds (s,)."""
+        return Samples(*(getattr(self, each.name)[which] for each in fields(self)))
+
+    @classmethod
+    def together(cls, parts: Sequence["Samples"]) -> "Samples":
+        """All samples of one or more parts."""
+        return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
     def groups(self) -> dict[str, np.ndarray]:
         """Masks (s,) of all samples, those in the workspace circle, and those of each level."""
@@ -73,6 +89,18 @@ def location_table(samples: Samples) -> dict[str, Spread]:
 def force_table(samples: Samples) -> dict[str, Spread]:
     """Table II: force error [-] by group."""
     return {name: spread(samples.force_error[mask]) for name, mask in samples.groups().items()}
+
+
+def coverage(samples: Samples) -> dict[str, float]:
+    """In which part [-] of the samples of known standard deviation the truth lies within the 90 % interval of
+    the estimate, of force, x and y; NaN where none is known.
+    """
+    off = (samples.location_m - samples.true_location_m) / samples.location_sigma_m
+    ratio = {"force": (samples.force_N - samples.true_force_N) / samples.force_sigma_N}
+    ratio |= {"x": off[:, 0], "y": off[:, 1]}
+    return {
+        name: spread((np.abs(r) < NINETY)[np.isfinite(r)].astype(float)).mean for name, r in ratio.items()
+    }
 
 
 def scaled(groups: dict[str, Spread], factor: float) -> dict[str, Spread]:

@@ -13,7 +13,7 @@ import logging
 import math
 import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TextIO
 
@@ -52,6 +52,17 @@ class Recording:
         if missing:
             raise RecordingError(_missing_message(self.path, missing, self.columns))
         return np.array([self.columns[name] for name in names]).reshape(len(names), len(self.time_s)).T
+
+    def rows(self, at: Int[np.ndarray, " m"]) -> "Recording":
+        """The recording of some of its frames (m,), by their numbers."""
+        return replace(
+            self,
+            time_s=self.time_s[at],
+            columns={name: column[at] for name, column in self.columns.items()},
+            line=self.line[at],
+            malformed=self.malformed[at],
+            disordered=self.disordered[at],
+        )
 
 
 def read_recording(path: str | Path, required: Sequence[str]) -> Recording:

@@ -142,3 +142,22 @@ def test_a_mistake_is_told_without_a_traceback(
     assert code_of(*named) == 2
     err = capsys.readouterr().err
     assert told in err and "Traceback" not in err
+
+
+def test_fewer_estimates_are_of_the_same_senses(
+    code_of: Callable[..., int], rows: list[dict[str, str]], coarse: Path, faulty: Path, tmp_path: Path
+) -> None:
+    assert code_of("estimate", coarse, faulty, "--out", tmp_path, "--every", "7", "--quiet") == 0
+    with (tmp_path / "estimates.csv").open(newline="") as stream:
+        fewer = {row["time_s"]: row for row in csv.DictReader(stream)}
+    with faulty.open(newline="") as stream:
+        samples = [k for k, row in enumerate(csv.DictReader(stream)) if row["sample"] == "1"]
+    assert samples
+    wanted = sorted({*range(0, FRAMES, 7), *samples})
+    assert list(fewer) == [rows[k]["time_s"] for k in wanted]
+    for k in wanted:
+        one, other = rows[k], fewer[rows[k]["time_s"]]
+        assert [one[f"dV{c}_mm3"] for c in range(4)] == [other[f"dV{c}_mm3"] for c in range(4)]
+        assert (one["x_mm"], one["y_mm"]) == (other["x_mm"], other["y_mm"])
+    at = rows[samples[0]]["time_s"]
+    assert float(fewer[at]["force_N"]) == pytest.approx(float(rows[samples[0]]["force_N"]), rel=0.02)

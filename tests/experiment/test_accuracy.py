@@ -1,9 +1,11 @@
 """The paper's Tables I and II from samples whose errors are known."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from softfuse.experiment.accuracy import Samples, force_table, location_table
+from softfuse.experiment.accuracy import Samples, coverage, force_table, location_table
 
 TRUE = 1e-3 * np.array([[0.0, 0.0], [28.0, 0.0], [25.0, 25.0], [3.0, 4.0]])
 
@@ -19,6 +21,8 @@ def samples() -> Samples:
         force_N=force * [1.1, 0.8, 1.3, np.nan],
         true_location_m=TRUE,
         true_force_N=force,
+        location_sigma_m=1e-3 * np.array([[1.0, 1.0], [1.0, 1.0], [1.0, 1.0], [np.nan, np.nan]]),
+        force_sigma_N=np.array([0.31, 1.0, 3.0, np.nan]),
     )
 
 
@@ -39,7 +43,22 @@ def test_force_errors_by_group(samples: Samples) -> None:
 
 
 def test_a_group_without_estimates_says_so(samples: Samples) -> None:
-    nothing = Samples(
-        samples.level, samples.location_m * np.nan, samples.force_N * np.nan, TRUE, samples.true_force_N
+    nothing = dataclasses.replace(
+        samples, location_m=samples.location_m * np.nan, force_N=samples.force_N * np.nan
     )
     assert force_table(nothing)["all"].n == 0 and np.isnan(force_table(nothing)["all"].mean)
+    assert np.isnan(coverage(nothing)["force"])
+
+
+def test_coverage_counts_the_truth_within_the_90_percent_interval(samples: Samples) -> None:
+    # Off by 1, 0, 3 of 1 mm along x, by 0, 2, 0 along y, by 0.5 of 0.31 N, 2 of 1 N, 4.5 of 3 N.
+    assert coverage(samples) == pytest.approx({"force": 2 / 3, "x": 2 / 3, "y": 2 / 3})
+
+
+def test_samples_are_parted_and_put_together(samples: Samples) -> None:
+    parts = [samples.only(samples.level == k) for k in (1, 2, 3)]
+    assert [len(part.level) for part in parts] == [2, 1, 1]
+    together = Samples.together(parts)
+    np.testing.assert_array_equal(together.level, [1, 1, 2, 3])
+    np.testing.assert_array_equal(together.true_location_m, TRUE[[0, 3, 1, 2]])
+    assert force_table(together)["all"].mean == pytest.approx(force_table(samples)["all"].mean)

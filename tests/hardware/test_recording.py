@@ -130,3 +130,11 @@ def test_compressed_recordings_whole_cut_and_false(tmp_path):
     path.write_bytes(b"no gzip at all")
     with pytest.raises(RecordingError, match="not a gzip file"):
         read_recording(path, ["row0"])
+
+
+def test_some_rows_are_a_recording_too(tmp_path):
+    whole = read_recording(written(tmp_path, [*GOOD[:3], "0.0x,0.7,20020,1"]), ["flow0_V"])
+    part = whole.rows(np.array([0, 2]))
+    np.testing.assert_array_equal(part.columns["flow0_V"], [0.5, 0.7])
+    np.testing.assert_array_equal(part.line, whole.line[[0, 2]])
+    assert part.malformed.tolist() == [False, True] and part.path == whole.path
