@@ -31,6 +31,7 @@ class Measure(Enum):
     factor = "the logarithm of a factor"
     ratio = "a ratio that is added"
     length = "a length [m]"
+    angle = "an angle [rad]"
 
 
 class AbstractAdjustment(eqx.Module):

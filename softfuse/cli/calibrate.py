@@ -1,8 +1,9 @@
 """softfuse calibrate: fit a device to presses of known place and force, with what it is sure of."""
 
 import re
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -10,6 +11,7 @@ import numpy as np
 import typer
 from jaxtyping import Int
 
+from softfuse.calibration.array_pose import Located, fit_pose
 from softfuse.calibration.fit import Fit, fit
 from softfuse.calibration.grid import Grid
 from softfuse.calibration.next_press import gain
@@ -18,7 +20,12 @@ from softfuse.cli.calibration_report import Calibrated, Further, tell, write_rep
 from softfuse.cli.recorded import sample_frames, sensor_columns, sensor_frames
 from softfuse.cli.terminal import Quiet, busy, counted, stdout, tracked
 from softfuse.config import DeviceConfig, load, save_edited
-from softfuse.config.build_calibration import build_adjustments, calibrated_edits
+from softfuse.config.build_calibration import (
+    build_adjustments,
+    build_pose_prior,
+    calibrated_edits,
+    pose_edits,
+)
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
 from softfuse.config.build_tracker import build_senses
@@ -51,35 +58,57 @@ def calibrate(
     _check_out(out)
     read = [read_recording(path, sensor_columns(settings)) for path in recordings]
     chosen = [_chosen_frames(recording, presses) for recording in read]
+    calibrated = calibrated_device(settings, read, chosen, out, quiet=quiet)
+    if not quiet:
+        files = ", ".join(str(out.with_suffix(kind)) for kind in (".npz", ".html"))
+        lines = [*tell(calibrated), f"written to {out}, {files}"]
+        stdout.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
+
+
+def calibrated_device(
+    settings: DeviceConfig,
+    recordings: Sequence[Recording],
+    chosen: Sequence[Int[np.ndarray, " s"]],
+    out: Path,
+    *,
+    quiet: bool,
+) -> Calibrated:
+    """The device of a configuration fitted to some frames (s,) of each recording; written to `out`, last the
+    report.
+
+    Raises ConfigError for a device that cannot be fitted, SoftfuseError when presses cannot be explained.
+    """
     with busy("meshing", quiet=quiet):
         mesh = build_mesh(settings)
         device = build_device(settings, mesh)
         adjustments = build_adjustments(settings, device, mesh)
-    known, called = _known_presses(settings, read, chosen, quiet=quiet)
+    felt = _felt_presses(settings, recordings, chosen, quiet=quiet)
+    known, called = felt.presses, felt.called
     adjustable = Adjustable(device, adjustments)
     with counted("fitting", "presses simulated", quiet=quiet) as simulated:
         found = fit(adjustable, known, seen=simulated)
     assert isinstance(settings.contact, DiscSettings)  # build_adjustments has told
     area = settings.contact.workspace
     grid = Grid.over(area.x, area.y, float(known.force_N.max()))
+    pose = None
+    if felt.located is not None:
+        pose = fit_pose(felt.located, build_pose_prior(settings), grid.place_m[:, :2])
     with counted("looking over the workspace", "presses simulated", quiet=quiet) as simulated:
         answer = adjustable.answer(found.value, grid.place_m, grid.force_N, seen=simulated)
     spread_path = out.with_suffix(".npz")
     write_spread(spread_path, grid.spread(answer, found.covariance), **_posterior(found))
     edits = {
         **calibrated_edits(settings, device, adjustments, found.value),
+        **pose_edits(settings, pose),
         ("estimator", "model_error"): float(f"{found.discrepancy.part:.4g}"),
         ("estimator", "reading_spread"): spread_path.name,
     }
-    save_edited(config, out, edits)
+    save_edited(settings.path, out, edits)
     noise = float(np.median(known.sigma[known.told]))
     further = Further(grid.place_m, grid.force_N, gain(found, answer, noise))
-    calibrated = Calibrated(settings, known, called, found, further)
+    calibrated = Calibrated(settings, known, called, found, pose, further)
     write_report(out.with_suffix(".html"), calibrated)
-    if not quiet:
-        files = ", ".join(str(out.with_suffix(kind)) for kind in (".npz", ".html"))
-        lines = [*tell(calibrated), f"written to {out}, {files}"]
-        stdout.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
+    return calibrated
 
 
 def _check_out(out: Path) -> None:
@@ -118,13 +147,26 @@ def parse_presses(text: str) -> set[int]:
     return wanted
 
 
-def _known_presses(
-    settings: DeviceConfig, recordings: list[Recording], chosen: list[Int[np.ndarray, " s"]], *, quiet: bool
-) -> tuple[Presses, dict[int, str]]:
-    """The samples of all recordings, and what to call their presses: those of different recordings are
-    different ones.
+@dataclass(frozen=True, eq=False)
+class _Felt:
+    """What the sensors say of presses: their readings, where crossed electrodes place them (None without
+    such), and what to call each press.
     """
-    parts, called = [], dict[int, str]()
+
+    presses: Presses
+    located: Located | None
+    called: dict[int, str]
+
+
+def _felt_presses(
+    settings: DeviceConfig,
+    recordings: Sequence[Recording],
+    chosen: Sequence[Int[np.ndarray, " s"]],
+    *,
+    quiet: bool,
+) -> _Felt:
+    """The samples of all recordings; the presses of different ones are different."""
+    parts, found, called = list[Presses](), list[Sensed](), dict[int, str]()
     with ThreadPoolExecutor(1) as aside:
         senses = CompiledSenses(build_senses(settings), aside)
         for recording, at in zip(recordings, chosen, strict=True):
@@ -135,7 +177,8 @@ def _known_presses(
                 senses.update(frame.time_s, frame.readings)
                 for frame in tracked(frames, "sensing", total=last, quiet=quiet)
             ]
-            known = _samples(recording, at, [sensed[i].sensed for i in at])
+            found += [sensed[i].sensed for i in at]
+            known = _samples(recording, at, found[-len(at) :])
             names, number = np.unique(known.press, return_inverse=True)
             where = f" of {recording.path.name}" if len(recordings) > 1 else ""
             parts.append(replace(known, press=number + len(called)))
@@ -146,7 +189,19 @@ def _known_presses(
     whole = {
         each.name: np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Presses)
     }
-    return Presses(**whole), called
+    presses = Presses(**whole)
+    assert settings.sensors is not None  # its frames have been read
+    return _Felt(presses, _located(presses, found) if settings.sensors.crossed else None, called)
+
+
+def _located(presses: Presses, sensed: Sequence[Sensed]) -> Located | None:
+    """Where the electrodes place the samples that they feel; None when they feel none."""
+    location = np.array([np.asarray(each.location_m)[0, :2] for each in sensed])
+    sigma = np.array([np.asarray(each.location_sigma_m)[0] for each in sensed])
+    on = np.isfinite(location).all(axis=1) & np.isfinite(sigma).all(axis=1)
+    if not on.any():
+        return None
+    return Located(presses.place_m[on, :2], location[on], sigma[on], presses.press[on])
 
 
 def _samples(recording: Recording, at: Int[np.ndarray, " s"], sensed: list[Sensed]) -> Presses:

@@ -9,14 +9,13 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.calibration.adjustment import Measure
+from softfuse.calibration.array_pose import PoseFit
 from softfuse.calibration.fit import Fit
 from softfuse.calibration.presses import Presses
 from softfuse.config import DeviceConfig
+from softfuse.experiment.accuracy import NINETY
 from softfuse.experiment.calibration_figures import misfits, usefulness
 from softfuse.experiment.report import page, picture, table
-
-_NINETY = 1.645
-"""Standard deviations to each side of a normal's middle 90 %."""
 
 _TOLD = 0.5
 """A parameter of whose variance the presses took less than this is called not told."""
@@ -27,6 +26,7 @@ _ALIKE = 0.9
 _WRITTEN: dict[Measure, Callable[[float, float], tuple[str, str]]] = {
     Measure.factor: lambda value, width: (f"× {np.exp(value):.4f}", f"{np.exp(value) * width:.4f}"),
     Measure.ratio: lambda value, width: (f"{value:+.3f}", f"{width:.3f}"),
+    Measure.angle: lambda value, width: (f"{np.rad2deg(value):+.3f}°", f"{np.rad2deg(width):.3f}"),
     Measure.length: lambda value, width: (f"{1e3 * value:+.3f} mm", f"{1e3 * width:.3f}"),
 }
 """A parameter and half of its interval, as people read them."""
@@ -51,14 +51,15 @@ class Further:
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """A configuration, the presses it was fitted to with what people call them, the fit, and what may be
-    pressed next.
+    """A configuration, the presses it was fitted to with what people call them, the fit, the pose of its
+    electrodes if it has such, and what may be pressed next.
     """
 
     config: DeviceConfig
     presses: Presses
     called: dict[int, str]
     fit: Fit
+    pose: PoseFit | None
     further: Further
 
 
@@ -70,8 +71,10 @@ def tell(calibrated: Calibrated) -> Iterator[str]:
     off = f"volumes off by {before:.1f} mm³ before, {after:.1f} after"
     yield f"{len(presses.force_N)} samples of {count} presses: {off}"
     yield f"the model may be wrong by {100 * fit.discrepancy.part:.1f} % of a volume"
-    for name, value, width, told in _rows(fit):
+    for name, value, width, told in [*_rows(fit), *_rows(calibrated.pose)]:
         yield f"{name}: {value} ± {width} (90 %), {told}"
+    if calibrated.pose is not None:
+        yield _spreading(calibrated.pose)
     for a, b, correlation in _inseparable(fit):
         yield f"{a} and {b} cannot be told apart (correlated {correlation:+.2f})"
     for k, press, weight in _doubtful(calibrated):
@@ -95,7 +98,7 @@ def write_report(path: Path, calibrated: Calibrated) -> None:
     sections = [
         (
             "Parameters",
-            table(head, _rows(fit))
+            table(head, [*_rows(fit), *_rows(calibrated.pose)])
             + _paragraph(
                 "Stiffness: factor on all moduli. Stiffening: Yeoh's c2 over c1 that is added. Layer: "
                 "compliance between disc and body, over the configured one or, where none is, over that of a "
@@ -118,6 +121,8 @@ def write_report(path: Path, calibrated: Calibrated) -> None:
             ),
         ),
     ]
+    if calibrated.pose is not None:
+        sections.append(("Locations", _paragraph(_spreading(calibrated.pose))))
     if doubtful:
         sections.append(("Readings that nothing explains", table(("press", "cavity", "weight"), doubtful)))
     most = calibrated.further
@@ -137,10 +142,20 @@ def _paragraph(text: str) -> str:
     return f"<p>{escape(text)}</p>"
 
 
-def _rows(fit: Fit) -> list[tuple[str, str, str, str]]:
-    """Name, fitted value, half of its 90 % interval, and whether the presses tell it."""
+def _spreading(pose: PoseFit) -> str:
+    before, after = (1e3 * _rms(np.linalg.norm(each, axis=1)) for each in (pose.before_m, pose.after_m))
+    return (
+        f"locations off by {before:.3f} mm before, {after:.3f} after; they spread {pose.factor:.2f} times as "
+        "wide as their fits promise"
+    )
+
+
+def _rows(fit: Fit | PoseFit | None) -> list[tuple[str, str, str, str]]:
+    """Name, fitted value, half of its 90 % interval, and whether the presses tell it; none without a fit."""
+    if fit is None:
+        return []
     rows = []
-    told_of = zip(fit.names, fit.measures, fit.value, _NINETY * fit.sigma, fit.told, strict=True)
+    told_of = zip(fit.names, fit.measures, fit.value, NINETY * fit.sigma, fit.told, strict=True)
     for name, measure, value, width, told in told_of:
         said = f"{100 * told:.0f} % told" if told >= _TOLD else f"not told ({100 * told:.0f} %)"
         rows.append((name, *_WRITTEN[measure](value, width), said))

@@ -15,6 +15,7 @@ from softfuse.calibration.adjustment import (
     Stiffness,
     Walls,
 )
+from softfuse.calibration.array_pose import PoseFit, PosePrior
 from softfuse.config.build_mesh import DeviceMesh
 from softfuse.config.contact import DiscSettings
 from softfuse.config.device import DeviceConfig
@@ -82,6 +83,27 @@ def calibrated_edits(
                 gain = np.broadcast_to(config.sensors.flow.gain, part.shape) * np.exp(part)
                 edits["sensors", "flow", "gain"] = [_rounded(each) for each in gain]
     return edits
+
+
+def build_pose_prior(config: DeviceConfig) -> PosePrior:
+    """In which tolerance [calibration] says that the electrodes lie on the body."""
+    may = config.calibration
+    return PosePrior(may.array_shift, may.array_turn, may.array_stretch, may.array_sigma)
+
+
+def pose_edits(config: DeviceConfig, pose: PoseFit | None) -> Edits:
+    """The edits of a config that put its crossed electrodes where presses found them; none without."""
+    if pose is None:
+        return {}
+    assert config.sensors is not None  # they were felt
+    was, (x, y, turn, *stretch) = config.sensors.capacitive.pose, pose.value
+    key = ("sensors", "capacitive", "pose")
+    return {
+        (*key, "shift"): _millimetres(np.add(was.shift, [x, y])),
+        (*key, "turn"): f"{np.rad2deg(was.turn + turn):.6g} deg",
+        (*key, "stretch"): [_rounded(each) for each in np.multiply(was.stretch, np.exp(stretch))],
+        (*key, "sigma_factor"): _rounded(was.sigma_factor * pose.factor),
+    }
 
 
 def _material(settings: Material, law: AbstractMaterial) -> dict[str, str | list[str] | None]:

@@ -14,6 +14,7 @@ from softfuse.estimation.device import Device
 from softfuse.estimation.model_error import ModelError
 from softfuse.estimation.reading_spread import read_spread
 from softfuse.estimation.tracker import Tracker, TrackerSettings
+from softfuse.sensing.array_pose import ArrayPose
 from softfuse.sensing.finger_senses import FingerSenses
 from softfuse.sensing.mutual_senses import MutualSenses
 from softfuse.sensing.pad_senses import PadSenses, fitted_location, mean_location
@@ -43,7 +44,15 @@ def _pad_senses(config: DeviceConfig) -> PadSenses:
         )
     workspace = config.contact.workspace
     low_high = jnp.stack([jnp.asarray(workspace.x), jnp.asarray(workspace.y)], axis=1)
-    return PadSenses(sensors, low_high, _LOCATE[config.sensors.capacitive.location])
+    return PadSenses(sensors, low_high, _LOCATE[config.sensors.capacitive.location], _pose(config))
+
+
+def _pose(config: DeviceConfig) -> ArrayPose:
+    assert config.sensors is not None
+    pose = config.sensors.capacitive.pose
+    return ArrayPose(
+        jnp.array(pose.shift), jnp.asarray(pose.turn), jnp.array(pose.stretch), jnp.asarray(pose.sigma_factor)
+    )
 
 
 def _finger_senses(config: DeviceConfig) -> FingerSenses:

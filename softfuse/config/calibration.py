@@ -4,7 +4,7 @@ from typing import Annotated
 
 from annotated_types import Ge
 
-from softfuse.config.quantity import Length, Number
+from softfuse.config.quantity import Angle, Length, Number, PositiveNumber
 from softfuse.config.settings import Settings
 
 
@@ -13,7 +13,9 @@ class CalibrationSettings(Settings):
 
     stiffness: ln of a factor on all moduli; stiffening: Yeoh's c2 over c1; contact_layer: ln of the
     compliance of what lies between a disc and the body; cavity_shift, cavity_growth: of each cavity in place
-    and length along x, y and z, in m; gain: ln of what each flow sensor measures over what flows.
+    and length along x, y and z, in m; gain: ln of what each flow sensor measures over what flows;
+    array_shift, array_turn, array_stretch: of the electrodes on the body, in m, rad and as a part;
+    array_sigma: ln of how much wider locations spread than their fits promise.
     """
 
     stiffness: Annotated[Number, Ge(0)] = 0.5
@@ -22,3 +24,7 @@ class CalibrationSettings(Settings):
     cavity_shift: Annotated[Length, Ge(0)] = 0.3e-3
     cavity_growth: Annotated[Length, Ge(0)] = 0.3e-3
     gain: Annotated[Number, Ge(0)] = 0.02
+    array_shift: Annotated[Length, Ge(0)] = 0.5e-3
+    array_turn: Annotated[Angle, Ge(0)] = 0.02
+    array_stretch: Annotated[Number, Ge(0)] = 0.01
+    array_sigma: PositiveNumber = 0.5

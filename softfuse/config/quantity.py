@@ -69,6 +69,7 @@ FORCE_RATE = Dimension("a force per time", "N/s", "5 N/s")
 PRESSURE = Dimension("a pressure", "Pa", "0.3 MPa")
 PRESSURE_RATE = Dimension("a pressure per time", "Pa/s", "2 Pa/s")
 DENSITY = Dimension("a density", "kg/m^3", "1080 kg/m^3")
+ANGLE = Dimension("an angle", "rad", "1 deg")
 VOLTAGE = Dimension("a voltage", "V", "0.5 V")
 VOLTAGE_WALK = Dimension("a random walk of a voltage", "V/s^0.5", "0.02 mV/s^0.5")
 LAYER_COMPLIANCE = Dimension("a length per pressure", "m/Pa", "0.5 mm/MPa")
@@ -103,6 +104,7 @@ ForceRate = Annotated[float, BeforeValidator(FORCE_RATE.parse)]
 Pressure = Annotated[float, BeforeValidator(PRESSURE.parse)]
 PressureRate = Annotated[float, BeforeValidator(PRESSURE_RATE.parse)]
 Density = Annotated[float, BeforeValidator(DENSITY.parse)]
+Angle = Annotated[float, BeforeValidator(ANGLE.parse)]
 Voltage = Annotated[float, BeforeValidator(VOLTAGE.parse)]
 VoltageWalk = Annotated[float, BeforeValidator(VOLTAGE_WALK.parse)]
 LayerCompliance = Annotated[float, BeforeValidator(LAYER_COMPLIANCE.parse)]
@@ -160,6 +162,7 @@ _COMMON = {
     ("kPa", "Pa"): "1e3",
     ("MPa", "Pa"): "1e6",
     ("mV", "V"): "1e-3",
+    ("deg", "rad"): "0.01745329251994329576923690768",
     ("mV/s^0.5", "V/s^0.5"): "1e-3",
     ("V min/L", "V s/m^3"): "6e4",
 }

@@ -10,9 +10,11 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BeforeValidator, model_validator
 
 from softfuse.config.quantity import (
+    Angle,
     Duration,
     FlowSensitivity,
     Integer,
+    Length,
     Number,
     PositiveInteger,
     PositiveLength,
@@ -119,6 +121,19 @@ class PeakSettings(Settings):
     model_error: PositiveNumber = 0.005
 
 
+class PoseSettings(Settings):
+    """Where the array lies on the body, see `sensing.array_pose`.
+
+    shift in m along x and y, turn in rad, stretch along x and y; sigma_factor: by how much locations spread
+    wider than the fit of a peak promises.
+    """
+
+    shift: tuple[Length, Length] = (0.0, 0.0)
+    turn: Angle = 0.0
+    stretch: tuple[PositiveNumber, PositiveNumber] = (1.0, 1.0)
+    sigma_factor: PositiveNumber = 1.0
+
+
 class CapacitiveSettings(Settings):
     """A single-ended array of crossed lines of diamonds.
 
@@ -142,6 +157,7 @@ class CapacitiveSettings(Settings):
     baseline: BaselineSettings = BaselineSettings()
     touch: TouchSettings = TouchSettings()
     peak: PeakSettings = PeakSettings()
+    pose: PoseSettings = PoseSettings()
 
     @model_validator(mode="after")
     def _check(self) -> Self:

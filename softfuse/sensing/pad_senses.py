@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from softfuse.sensing.array_pose import ArrayPose
 from softfuse.sensing.pad import PadMeasurement, PadSensors, pad_sensor_init, pad_sensor_update
 from softfuse.sensing.senses import AbstractSenses, Sensed
 from softfuse.sensing.status import Status
@@ -32,6 +33,7 @@ class PadSenses(AbstractSenses):
     sensors: PadSensors
     workspace_m: Float[Array, "2 2"]
     locate: Callable[[PadMeasurement], Float[Array, "2"]] = eqx.field(static=True, default=fitted_location)
+    pose: ArrayPose = eqx.field(default_factory=ArrayPose.as_drawn)
 
     @property
     def channels(self):
@@ -47,7 +49,7 @@ class PadSenses(AbstractSenses):
         """One frame of flow (k,) [V], rows (r,) and columns (c,) [counts]."""
         begun = jnp.isfinite(state.time_s)
         state, seen = pad_sensor_update(self.sensors, state, time_s, *readings)
-        location = self.locate(seen)
+        location = self.pose.on_body(self.locate(seen))
         low, high = self.workspace_m
         inside = jnp.all((location >= low) & (location <= high))
         known = seen.volume_valid.any()
@@ -65,7 +67,7 @@ class PadSenses(AbstractSenses):
             Status.volume_unknown: located & inside & ~known,
         }
         place = jnp.append(location, 0.0)
-        deviation = jnp.sqrt(jnp.diagonal(seen.location_covariance_m2))
+        deviation = jnp.sqrt(jnp.diagonal(self.pose.spread(seen.location_covariance_m2)))
         return state, Sensed(
             reading=seen.volume_change_m3,
             sigma=seen.volume_sigma_m3,

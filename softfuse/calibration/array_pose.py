@@ -1,0 +1,155 @@
+"""Fitting the pose of an electrode array to presses of known place (`sensing.array_pose`).
+
+To first order a contact at x is placed at l, x − l = c + α (−l_y, l_x) + (ε_x l_x, ε_y l_y), with normal
+priors of the shift c, the turn α and the stretches ε. What then is left has the spread that the fit of the
+peak promises times a factor f, is alike in the samples of one press (ρ, as in `discrepancy`), and lets go of
+a press that nothing explains (`robust`). f is the one that makes the locations likeliest, under a normal
+prior of ln f.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import minimize_scalar
+
+from softfuse.calibration.adjustment import Measure
+from softfuse.calibration.robust import Explained, Linear, explained
+from softfuse.estimation.model_error import whitening
+
+_ALIKE = 0.8
+"""Correlation of the locations of one press: the one that makes the nominal recording of the reference pad
+likeliest.
+"""
+
+_FACTORS = (0.2, 10.0)
+"""Between which f is searched."""
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """s samples of presses at places (s, 2) m, where the array placed them (s, 2) m, with which standard
+    deviations (s, 2) m, and the number of the press (s,) each belongs to.
+    """
+
+    place_m: Float[np.ndarray, "s 2"]
+    location_m: Float[np.ndarray, "s 2"]
+    sigma_m: Float[np.ndarray, "s 2"]
+    press: Int[np.ndarray, " s"]
+
+    @property
+    def slope(self) -> Float[np.ndarray, "s 2 5"]:
+        """Of place minus location in the five parameters of `PoseFit`."""
+        return _slopes(self.location_m)
+
+
+def _slopes(location_m: Float[np.ndarray, "s 2"]) -> Float[np.ndarray, "s 2 5"]:
+    x, y = location_m.T
+    one, none = np.ones_like(x), np.zeros_like(x)
+    along_x = np.stack([one, none, -y, x, none], axis=1)
+    along_y = np.stack([none, one, x, none, y], axis=1)
+    return np.stack([along_x, along_y], axis=1)
+
+
+@dataclass(frozen=True)
+class PosePrior:
+    """Standard deviations of the shift [m], the turn [rad], the stretches [-], and of ln f."""
+
+    shift_m: float
+    turn: float
+    stretch: float
+    ln_factor: float
+
+    @property
+    def sigma(self) -> Float[np.ndarray, "5"]:
+        """Of the five parameters of `PoseFit`; none is quite 0."""
+        each = [self.shift_m, self.shift_m, self.turn, self.stretch, self.stretch]
+        return np.maximum(each, 1e-12)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseFit:
+    """Shift along x and y [m], turn [rad] and ln of the stretches along x and y: `value` (5,), `covariance`
+    (5, 5), `prior_sigma` (5,); `factor` f [-], with what is not known of these; `before_m`, `after_m`
+    (s, 2): place minus location, as configured and as fitted.
+    """
+
+    names: ClassVar[tuple[str, ...]] = (
+        "array shift x",
+        "array shift y",
+        "array turn",
+        "array stretch x",
+        "array stretch y",
+    )
+    measures: ClassVar[tuple[Measure, ...]] = (
+        Measure.length,
+        Measure.length,
+        Measure.angle,
+        Measure.factor,
+        Measure.factor,
+    )
+
+    value: Float[np.ndarray, "5"]
+    covariance: Float[np.ndarray, "5 5"]
+    prior_sigma: Float[np.ndarray, "5"]
+    factor: float
+    before_m: Float[np.ndarray, "s 2"]
+    after_m: Float[np.ndarray, "s 2"]
+
+    @property
+    def sigma(self) -> Float[np.ndarray, "5"]:
+        """Standard deviations (5,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def told(self) -> Float[np.ndarray, "5"]:
+        """How much of each parameter the presses tell (5,): 0 nothing beyond the prior, 1 all of it."""
+        return 1 - (self.sigma / self.prior_sigma) ** 2
+
+
+def fit_pose(located: Located, prior: PosePrior, area_m: Float[np.ndarray, "a 2"]) -> PoseFit:
+    """The pose that presses tell; area (a, 2) m: places over which what is not known of it is averaged into
+    the factor.
+    """
+    sigma = prior.sigma
+
+    def evidence(ln: float) -> float:
+        found, ln_det = _explained(located, float(np.exp(ln)), sigma)
+        return found.ln_evidence - 0.5 * ln_det - 0.5 * (ln / prior.ln_factor) ** 2
+
+    ends = (float(np.log(_FACTORS[0])), float(np.log(_FACTORS[1])))
+    best = minimize_scalar(lambda ln: -evidence(ln), bounds=ends, method="bounded", options={"xatol": 1e-3})
+    factor = float(np.exp(best.x))
+    found, _ = _explained(located, factor, sigma)
+    value = found.z * sigma
+    covariance = np.linalg.inv(found.information) * np.outer(sigma, sigma)
+    slopes = _slopes(area_m)
+    unknown = np.einsum("sip,pq,siq->si", slopes, covariance, slopes).mean()
+    before = located.place_m - located.location_m
+    return PoseFit(
+        value,
+        covariance,
+        sigma,
+        float(np.sqrt(factor**2 + unknown / np.mean(located.sigma_m**2))),
+        before,
+        before - located.slope @ value,
+    )
+
+
+def _explained(located: Located, factor: float, prior: Float[np.ndarray, "5"]) -> tuple[Explained, float]:
+    """The likeliest parameters, in prior standard deviations, with a factor, and ln det of the covariance."""
+    _, press = np.unique(located.press, return_inverse=True)
+    count = len(press)
+    alike = _ALIKE * (press[:, None] == press) + (1 - _ALIKE) * np.eye(count)
+    left, slope, ln_det = [], [], 0.0
+    away = located.place_m - located.location_m
+    for axis in range(2):
+        spread = factor * located.sigma_m[:, axis]
+        white = whitening(alike * np.outer(spread, spread), np.ones(count, bool))
+        left.append(white @ away[:, axis])
+        slope.append(white @ (located.slope[:, axis] * prior))
+        ln_det -= 2 * float(np.sum(np.log(np.diag(white))))
+    group = np.concatenate([press, press.max() + 1 + press])
+    linear = Linear(np.concatenate(left), np.concatenate(slope), group, np.ones(2 * count, bool))
+    return explained(linear, int(group.max()) + 1), ln_det

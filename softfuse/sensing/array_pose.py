@@ -1,0 +1,43 @@
+"""Where an electrode array lies on the body: it is glued on, cast in, and stretches with the skin.
+
+A contact that the array places at l, in the coordinates it is drawn in, is on the body at
+
+    x = c + R(α) D l,
+
+with a shift c, a turn α about the direction that the array is seen from, and a stretch D = diag(d_x, d_y).
+Its covariance is turned and stretched alike, and times the square of a factor: how much wider locations
+spread than the fit of a peak promises.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+class ArrayPose(eqx.Module):
+    """Shift c (2,) [m], turn α [rad], stretch d (2,) [-], and the factor on standard deviations [-]; all
+    fields are leaves.
+    """
+
+    shift_m: Float[Array, "2"]
+    turn: Float[Array, ""]
+    stretch: Float[Array, "2"]
+    sigma_factor: Float[Array, ""]
+
+    @classmethod
+    def as_drawn(cls) -> "ArrayPose":
+        """In its place, with the spread that the fit promises."""
+        return cls(jnp.zeros(2), jnp.zeros(()), jnp.ones(2), jnp.ones(()))
+
+    def on_body(self, location_m: Float[Array, "2"]) -> Float[Array, "2"]:
+        """Where on the body (2,) m a place in the array's coordinates (2,) m is."""
+        return self.shift_m + self._turned @ location_m
+
+    def spread(self, covariance_m2: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
+        """Covariance (2, 2) m² on the body of a location with one (2, 2) m² in the array's coordinates."""
+        return self.sigma_factor**2 * self._turned @ covariance_m2 @ self._turned.T
+
+    @property
+    def _turned(self) -> Float[Array, "2 2"]:
+        c, s = jnp.cos(self.turn), jnp.sin(self.turn)
+        return jnp.array([[c, -s], [s, c]]) * self.stretch
