@@ -60,6 +60,8 @@ class MutualFit(eqx.Module):
 
     sources: Sources
     """Places, shieldings and couplings; s = k = 0 in free slots."""
+    place_sigma_m: Float[Array, "n 2"]
+    """(n, 2) standard deviations of x, y [m]; of the order of a pitch in free slots."""
     there: Bool[Array, " n"]
     """(n,) the slot is taken."""
     contact: Bool[Array, " n"]
@@ -110,6 +112,7 @@ def no_fit(model: MutualModel, slots: int) -> MutualFit:
     lines = model.column_x_m.shape[0], model.row_y_m.shape[0]
     return MutualFit(
         Sources(known.place_m, jnp.zeros(slots), jnp.zeros(slots)),
+        jnp.broadcast_to(model.pitch_m, (slots, 2)),
         *([known.there] * 4),
         label=jnp.full(lines, -1),
         residual_counts=jnp.zeros(()),
@@ -164,8 +167,13 @@ def fit_sources(
     signals = source_signals(model, sources)
     strong = jnp.max(jnp.abs(signals), axis=0) > rule.worth_sigma * model.noise_counts
     misfit = jnp.where(image.weight > 0, jnp.sum(signals, axis=0) - image.signal, 0.0)
+    # A misfit beyond the expected one widens the spread in proportion (Birge's ratio).
+    freedom = jnp.maximum(jnp.sum(valid) - z.shape[1] * jnp.sum(guess.there), 1)
+    ratio = jnp.maximum(1.0, jnp.sum((misfit * image.weight) ** 2) / freedom)
+    variance = ratio * jnp.diagonal(jnp.linalg.inv(matrix)).reshape(z.shape)
     return MutualFit(
         sources=sources,
+        place_sigma_m=model.pitch_m * jnp.sqrt(variance[:, :2]),
         there=guess.there,
         contact=guess.contact & guess.there,
         lifted=lifted,

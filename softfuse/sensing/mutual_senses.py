@@ -114,7 +114,7 @@ class MutualSenses(AbstractSenses):
             clear=~tracks.touching.any(),
             places=places,
             location_m=jnp.where(located[:, None], flat, jnp.nan),
-            location_sigma_m=jnp.full((self.contacts, 2), jnp.nan),
+            location_sigma_m=jnp.where(located[:, None], tracks.place_sigma_m[slots.electrode], jnp.nan),
             flags=flags,
             details=MutualMeasurement(flow, grid, slots),
         )

@@ -73,6 +73,8 @@ class TouchTracks(eqx.Module):
     """(n,) its number, from 1; 0 before the first."""
     place_m: Float[Array, "n 2"]
     """(n, 2) x, y [m]."""
+    place_sigma_m: Float[Array, "n 2"]
+    """(n, 2) their standard deviations [m], NaN where nothing is seen."""
     velocity_m_s: Float[Array, "n 2"]
     """(n, 2) its speed [m/s]."""
     touching: Bool[Array, " n"]
@@ -145,8 +147,9 @@ def tracks_init(tracks: int) -> TouchTracks:
         raise ConfigError(f"{tracks} touches at once: give a number from 1 to {MOST_TRACKS}")
     no, zero, none = jnp.zeros(tracks, bool), jnp.zeros(tracks), jnp.zeros(tracks, int)
     two = jnp.zeros((tracks, 2))
+    unknown, never = jnp.full((tracks, 2), jnp.nan, float), jnp.full(tracks, jnp.inf, float)
     return TouchTracks(
-        no, none, two, two, no, no, no, zero, zero, zero, none, none, zero, jnp.full(tracks, jnp.inf, float),
+        no, none, two, unknown, two, no, no, no, zero, zero, zero, none, none, zero, never,
         jnp.zeros((), int),
     )  # fmt: skip
 
@@ -250,6 +253,7 @@ def follow_touches(
         there=there,
         number=number,
         place_m=place,
+        place_sigma_m=jnp.where(there[:, None], fit.place_sigma_m[to], jnp.nan),
         velocity_m_s=jnp.where(follows, kept * tracks.velocity_m_s + share * moved, jnp.zeros_like(moved)),
         touching=now,
         firm=firm ^ turn,

@@ -299,3 +299,20 @@ def test_shielding_lowers_and_coupling_raises_one_reading(model) -> None:
     assert np.all(np.abs(drop) >= rise)
     far = np.asarray(source_signals(model, Sources(at[:1], jnp.array([0.3]), jnp.zeros(1))))[0]
     assert far.min() == pytest.approx(0.3 * drop.min()) and np.all(far <= 0.3 * drop + 1e-9)
+
+
+def test_the_spread_of_a_place_is_that_of_its_noise(model) -> None:
+    """Of images that differ from the model by nothing but noise of the size that is promised."""
+    place = jnp.array([[3 * MM, -5 * MM]])
+    exact = source_signals(model, Sources(place, jnp.ones(1), jnp.zeros(1)))[0].reshape(4, 4)
+    noise = float(jnp.hypot(model.noise_counts, model.model_error * jnp.max(jnp.abs(exact))))
+    rng = np.random.default_rng(3)
+    fit = jax.jit(lambda image: fit_sources(model, splitting(), nothing_known(model, 4), image, ALL))
+    off, sigma = [], []
+    for _ in range(60):
+        found = fit(exact + noise * rng.normal(size=(4, 4)))
+        (there,) = np.flatnonzero(found.there)
+        off.append(found.sources.place_m[there] - place[0])
+        sigma.append(found.place_sigma_m[there])
+    ratio = np.std(np.array(off), axis=0) / np.mean(np.array(sigma), axis=0)
+    assert np.all((ratio > 0.7) & (ratio < 1.3)), ratio
