@@ -16,6 +16,7 @@ from softfuse.cli.computing import prepare_jax
 from softfuse.cli.convert import convert
 from softfuse.cli.doctor import doctor
 from softfuse.cli.estimate import estimate
+from softfuse.cli.evaluate import evaluate
 from softfuse.cli.mesh import mesh
 from softfuse.cli.observe import observe
 from softfuse.cli.reduce import reduce
@@ -40,6 +41,7 @@ app.command()(sweep)
 app.command()(estimate)
 app.command()(calibrate)
 app.command()(observe)
+app.command()(evaluate)
 app.command()(run)
 app.command()(replay)
 app.command()(convert)

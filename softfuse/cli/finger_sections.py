@@ -18,11 +18,10 @@ from softfuse.mesh.surface import outer_surface
 def finger_sections(
     estimated: Estimated,
     series: FingerSeries,
-    touches: Sequence[Peak],
-    pulls: Sequence[Peak],
+    shown: Sequence[Shape],
     numbers: dict[str, Any],
 ) -> list[tuple[str, str]]:
-    """Headings and HTML, from the peaks of touches [N] and pulls [m] and the numbers of the summary."""
+    """Headings and HTML, from shapes to be shown and the numbers of the summary."""
     config, n = estimated.config, len(series.frames)
     parts: list[tuple[str, str]] = []
     if "phantom_force_N" in numbers:
@@ -31,7 +30,6 @@ def finger_sections(
         return parts
     if config.points:
         parts.append(("Points", _points(estimated, series)))
-    shown = _shapes(estimated, series, touches, pulls)
     if shown:
         parts.append(("Shape", _space(estimated, shown)))
     pressures = finger_figures.pressures_over_time(
@@ -101,10 +99,14 @@ def _points(estimated: Estimated, series: FingerSeries) -> str:
     return html + picture(moved, "How far the points have moved.")
 
 
-def _shapes(
+def largest_shapes(
     estimated: Estimated, series: FingerSeries, touches: Sequence[Peak], pulls: Sequence[Peak]
 ) -> list[Shape]:
-    """The largest push without and with a pulled cable; without pushes the largest pull."""
+    """The largest push without and with a pulled cable, without pushes the largest pull, of the peaks of
+    touches [N] and pulls [m].
+    """
+    if not series.frames:
+        return []
     shortening = np.max(series.shortening_m, axis=1, initial=0.0)
     pulled = [peak for peak in touches if shortening[peak.frame] > PULLED_M]
     alone = [peak for peak in touches if shortening[peak.frame] <= PULLED_M]

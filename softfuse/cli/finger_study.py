@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from softfuse.cli.finger_sections import finger_sections
+from softfuse.cli.finger_sections import finger_sections, largest_shapes
 from softfuse.cli.finger_series import FingerFrame, FingerSeries
 from softfuse.cli.finger_truth import finger_truth
 from softfuse.cli.readout import FingerReadout
@@ -12,6 +12,7 @@ from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks, know
 from softfuse.experiment.accuracy import scaled
 from softfuse.experiment.contact_accuracy import contact_force_table, largest_force
 from softfuse.experiment.shape_accuracy import PULLED_M, position_table
+from softfuse.experiment.shape_figures import Shape
 
 
 class FingerStudy(AbstractStudy):
@@ -87,6 +88,16 @@ class FingerStudy(AbstractStudy):
             }
         return numbers
 
+    @property
+    def series(self) -> FingerSeries:
+        """What was read of the frames, and the truth about them."""
+        return self._series
+
+    @property
+    def shapes(self) -> list[Shape]:
+        """The largest push without and with a pulled cable; without pushes the largest pull."""
+        return largest_shapes(self._all, self._series, self._touches.kept, self._pulls.kept)
+
     def sections(self):
         """Contacts, points, shapes, pressures, cables, forces, bending."""
-        return finger_sections(self._all, self._series, self._touches.kept, self._pulls.kept, self.numbers())
+        return finger_sections(self._all, self._series, self.shapes, self.numbers())

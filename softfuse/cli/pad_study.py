@@ -8,6 +8,8 @@ from jaxtyping import Float
 from softfuse.cli.readout import PadReadout, Value
 from softfuse.cli.recorded import sample_frames, samples_at
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks
+from softfuse.config import DeviceConfig
+from softfuse.config.build_mesh import DeviceMesh
 from softfuse.config.contact import DiscSettings
 from softfuse.experiment import figures
 from softfuse.experiment.accuracy import Samples, force_table, location_table, scaled
@@ -45,7 +47,7 @@ class PadStudy(AbstractStudy):
         return self._touches.kept
 
     @property
-    def _samples(self) -> Samples | None:
+    def samples(self) -> Samples | None:
         """Estimates and truth where the recording knows it; None where it never does."""
         at = sample_frames(self._all.recording)
         return samples_at(self._all.recording, self._all.found, at) if at.size else None
@@ -53,7 +55,7 @@ class PadStudy(AbstractStudy):
     @property
     def errors(self):
         """The paper's Tables I and II."""
-        samples = self._samples
+        samples = self.samples
         if samples is None:
             return []
         location = scaled(location_table(samples), 1e3)
@@ -65,7 +67,7 @@ class PadStudy(AbstractStudy):
 
     def numbers(self) -> dict[str, Any]:
         """How many samples there are, if any."""
-        samples = self._samples
+        samples = self.samples
         if samples is None:
             return {}
         return {
@@ -75,23 +77,16 @@ class PadStudy(AbstractStudy):
 
     def sections(self):
         """Force against truth, force and volumes over time, locations, shape."""
-        samples, parts = self._samples, []
+        samples, parts = self.samples, []
         if samples is not None and np.any(np.isfinite(samples.force_N)):
             caption = "Left: estimated over true force. Right: force error at the true locations."
-            agreement = figures.force_agreement(samples, self._workspace_mm)
+            agreement = figures.force_agreement(samples, workspace_mm(self._all.config))
             parts.append(("Force against truth", picture(agreement, caption)))
         parts.append(("Over time", self._over_time()))
         parts.append(("Location", self._places(samples)))
         if self.peaks:
             parts.append(("Shape at the largest force", self._shape()))
         return parts
-
-    @property
-    def _workspace_mm(self) -> Float[np.ndarray, "2 2"]:
-        """Low and high ends of x and y between which contacts may be (2, 2) [mm]."""
-        contact = self._all.config.contact
-        assert isinstance(contact, DiscSettings)  # crossed electrodes go with no other
-        return 1e3 * np.stack([np.array(contact.workspace.x), np.array(contact.workspace.y)], axis=1)
 
     def _over_time(self) -> str:
         found = self._all.found
@@ -109,12 +104,8 @@ class PadStudy(AbstractStudy):
         )
 
     def _places(self, samples: Samples | None) -> str:
-        outlines = []
-        for surface in self._all.mesh.cavities:
-            corners = 1e3 * self._all.mesh.mesh.nodes[np.unique(surface.faces[:, :3]), :2]
-            (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
-            outlines.append(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
         places = 1e3 * np.array([row.centre_m[:2] for row in self._all.found]).reshape(-1, 2)
+        outlines = cavity_outlines_mm(self._all.mesh)
         return picture(
             figures.location_map(places, samples, outlines), "Contacts from above, over the cavities."
         )
@@ -138,3 +129,20 @@ class PadStudy(AbstractStudy):
         return picture(figures.deformed_shape(mesh.nodes, displacement, flat), caption) + picture(
             image, "Image of the electrodes in that frame."
         )
+
+
+def workspace_mm(config: DeviceConfig) -> Float[np.ndarray, "2 2"]:
+    """Low and high ends of x and y between which contacts on a pad may be (2, 2) [mm]."""
+    contact = config.contact
+    assert isinstance(contact, DiscSettings)  # no other goes with the electrodes of a pad
+    return 1e3 * np.stack([np.array(contact.workspace.x), np.array(contact.workspace.y)], axis=1)
+
+
+def cavity_outlines_mm(mesh: DeviceMesh) -> list[Float[np.ndarray, "4 2"]]:
+    """The rectangles (4, 2) [mm] around the cavities, from above."""
+    outlines = []
+    for surface in mesh.cavities:
+        corners = 1e3 * mesh.mesh.nodes[np.unique(surface.faces[:, :3]), :2]
+        (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
+        outlines.append(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
+    return outlines

@@ -2,17 +2,14 @@
 
 import json
 import logging
-import os
-import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from softfuse.cli.result_folder import claim, put_in_place, writing
 from softfuse.cli.sweep_table import SweepColumn, Value
-from softfuse.errors import SoftfuseError
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -38,17 +35,8 @@ class SweepFolder:
     def __init__(self, path: Path, identity: Identity, columns: Sequence[SweepColumn]):
         """Make the folder, or find the sweep in it; raises SoftfuseError when there is another one in it."""
         self._path, self._columns, self._identity = path, columns, identity
-        with _told(path):
-            path.mkdir(parents=True, exist_ok=True)
-            if (path / _NAME).exists():
-                self._check()
-            elif any(path.glob("part-*.parquet")):
-                raise SoftfuseError(f"{path} holds parts of a sweep without {_NAME}: give another folder")
-            else:
-                about = {column.name: column.about for column in columns}
-                text = json.dumps(asdict(identity) | {"columns": about}, indent=2, ensure_ascii=False)
-                with _put_in_place(path / _NAME) as part:
-                    part.write_text(text + "\n", encoding="utf-8")
+        about = {"columns": {column.name: column.about for column in columns}}
+        claim(path, _NAME, "a sweep", asdict(identity), about=about, parts="part-*.parquet")
 
     def finished(self, cases: Sequence[int]) -> set[int]:
         """The numbers of the chunks, with so many cases each, whose files are there and whole."""
@@ -64,7 +52,7 @@ class SweepFolder:
         table = pa.Table.from_arrays(
             [pa.array(values, field.type) for field, values in columns], schema=schema
         )
-        with _told(self._path), _put_in_place(self._part(number)) as part:
+        with writing(self._path), put_in_place(self._part(number)) as part:
             pq.write_table(table, part, compression="zstd", write_page_checksum=True)
 
     def results(self, numbers: Sequence[int]) -> Counter[str]:
@@ -88,22 +76,6 @@ class SweepFolder:
     def _part(self, number: int) -> Path:
         return self._path / f"part-{number:05d}.parquet"
 
-    def _check(self) -> None:
-        file = self._path / _NAME
-        try:
-            found = json.loads(file.read_bytes())
-            there = Identity(**{key: str(found[key]) for key in asdict(self._identity)})
-        except (ValueError, KeyError, TypeError) as error:
-            raise SoftfuseError(f"{file} tells of no sweep: give another folder") from error
-        for key, what in (("plan", "another plan"), ("config", "another config")):
-            if getattr(there, key) != getattr(self._identity, key):
-                raise SoftfuseError(f"{self._path} holds a sweep by {what}: give another folder")
-        if there != self._identity:
-            raise SoftfuseError(
-                f"{self._path} holds a sweep by softfuse {there.softfuse}, this is "
-                f"{self._identity.softfuse}: give another folder"
-            )
-
     def _is_whole(self, number: int, cases: int) -> bool:
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -121,20 +93,3 @@ class SweepFolder:
             return True
         log.warning("%s is of another sweep or not whole and is made anew", part)
         return False
-
-
-@contextmanager
-def _put_in_place(target: Path) -> Iterator[Path]:
-    """A file to be written, which gets its name when it is whole."""
-    with tempfile.TemporaryDirectory(dir=target.parent, prefix=".softfuse-") as folder:
-        part = Path(folder) / target.name
-        yield part
-        os.replace(part, target)
-
-
-@contextmanager
-def _told(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise SoftfuseError(f"cannot write to {path}: {error.strerror or error}") from error

@@ -84,7 +84,8 @@ def location_map(
     axes = figure.subplots()
     for outline in cavity_outlines_mm:
         axes.fill(*outline.T, color="0.93", ec="0.7", zorder=0)
-    axes.plot(*location_mm.T, ".", ms=2, alpha=0.25, color=ESTIMATE, label="every frame")
+    if len(location_mm):
+        axes.plot(*location_mm.T, ".", ms=2, alpha=0.25, color=ESTIMATE, label="every frame")
     if samples is not None:
         true, found = 1e3 * samples.true_location_m, 1e3 * samples.location_m
         axes.plot(*true.T, "+", color=TRUTH, ms=11, label="true")
@@ -95,7 +96,7 @@ def location_map(
         radius = 1e3 * WORKSPACE_CIRCLE_M
         axes.plot(radius * np.cos(turn), radius * np.sin(turn), ":", color="0.5", lw=1)
     axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
-    axes.legend(loc="upper right", fontsize="small")
+    figure.legend(loc="outside upper center", ncols=3, fontsize="small")
     return figure
 
 

@@ -33,10 +33,10 @@ from jaxtyping import Float
 from softfuse.body.body import Body
 from softfuse.equilibrium.linear_solver import AbstractLinearSolver
 from softfuse.equilibrium.multifrontal import Multifrontal
-from softfuse.errors import RecordingError
 from softfuse.experiment.finger_electronics import Electronics, Readings, readings
 from softfuse.experiment.finger_motion import Motion, Timing, motion
 from softfuse.experiment.finger_pushes import FingerSolver, Push, Steps, equilibria
+from softfuse.experiment.recording_file import Columns, write_recording
 from softfuse.experiment.virtual_finger import FingerSettings, virtual_finger
 
 _DEPTHS_M = (5e-3, 10e-3, 15e-3, 20e-3)
@@ -97,29 +97,11 @@ def write_finger_recording(
     moved = motion(passed, settings.timing)
     radius, half = settings.finger.tip_radius, settings.finger.electrode_half
     read = readings(settings.electronics, moved.time, moved.poses, radius, half)
-    write_recording(path, moved, read)
+    write_recording(path, recording_columns(moved, read))
 
 
-def write_recording(path: str | Path, moved: Motion, read: Readings) -> None:
-    """Write n frames and their readings to path. Raises RecordingError when the file cannot be written."""
-    columns = recording_columns(moved, read)
-    # Rounded first, and without the sign of a zero: "-0.00" says nothing.
-    table = [np.round(values, decimals) + 0.0 for decimals, values in columns.values()]
-    try:
-        np.savetxt(
-            path,
-            np.stack(table, axis=1),
-            fmt=[f"%.{decimals}f" for decimals, _ in columns.values()],
-            delimiter=",",
-            header=",".join(columns),
-            comments="",
-        )
-    except OSError as error:
-        raise RecordingError(f"cannot write the recording {path}: {error.strerror or error}") from error
-
-
-def recording_columns(moved: Motion, read: Readings) -> dict[str, tuple[int, Float[np.ndarray, " n"]]]:
-    """Name of each column to its decimals and values (n,), in the units that the name says."""
+def recording_columns(moved: Motion, read: Readings) -> Columns:
+    """The columns of n frames and their readings, in the units that the names say."""
     columns: dict[str, tuple[int, np.ndarray]] = {"time_s": (3, moved.time)}
     for k, volts in enumerate(read.pressure_V.T):
         columns[f"pressure{k}_V"] = (5, volts)
@@ -129,7 +111,7 @@ def recording_columns(moved: Motion, read: Readings) -> dict[str, tuple[int, Flo
     return columns | truth_columns(moved)
 
 
-def truth_columns(moved: Motion) -> dict[str, tuple[int, Float[np.ndarray, " n"]]]:
+def truth_columns(moved: Motion) -> Columns:
     """The same of the columns that no sensor writes."""
     poses = moved.poses
     columns: dict[str, tuple[int, np.ndarray]] = {"press": (0, moved.press), "sample": (0, moved.sample)}

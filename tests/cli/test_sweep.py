@@ -293,8 +293,8 @@ def test_a_device_is_built_once(pad: Path, monkeypatch: pytest.MonkeyPatch) -> N
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        ({"sweep.json": "[]"}, "sweep.json tells of no sweep"),
-        ({"sweep.json": "{"}, "sweep.json tells of no sweep"),
+        ({"sweep.json": "[]"}, "sweep.json does not tell of a sweep"),
+        ({"sweep.json": "{"}, "sweep.json does not tell of a sweep"),
         ({"part-00000.parquet": ""}, "holds parts of a sweep without sweep.json"),
     ],
 )

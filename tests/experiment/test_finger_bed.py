@@ -21,7 +21,6 @@ from softfuse.experiment.finger_bed import (
     BedSettings,
     recording_columns,
     write_finger_recording,
-    write_recording,
 )
 from softfuse.experiment.finger_electronics import Electronics, nearness, readings
 from softfuse.experiment.finger_motion import Motion, Timing, motion
@@ -35,6 +34,7 @@ from softfuse.experiment.finger_pushes import (
     equilibria,
     passed_through,
 )
+from softfuse.experiment.recording_file import write_recording
 from softfuse.experiment.virtual_finger import (
     FingerErrors,
     FingerSettings,
@@ -193,7 +193,7 @@ def test_the_seed_decides(moved: Motion) -> None:
 
 def test_the_recording_is_read_back(moved: Motion, tmp_path: Path) -> None:
     read = readings(Electronics(), moved.time, moved.poses, RADIUS, HALF)
-    write_recording(tmp_path / "a.csv.gz", moved, read)
+    write_recording(tmp_path / "a.csv.gz", recording_columns(moved, read))
     names = [
         *("pressure0_V", "pressure1_V", "electrode0", "electrode1", "cable0_mm", "press", "sample"),
         *("true_p0_x_mm", "true_p0_y_mm", "true_p0_z_mm", "true_force0_N", "true_force1_N"),
@@ -215,7 +215,7 @@ def test_the_recording_is_read_back(moved: Motion, tmp_path: Path) -> None:
 
 def test_columns_say_no_negative_zero(moved: Motion, tmp_path: Path) -> None:
     read = readings(Electronics(), moved.time, moved.poses, RADIUS, HALF)
-    write_recording(tmp_path / "a.csv", moved, read)
+    write_recording(tmp_path / "a.csv", recording_columns(moved, read))
     assert not re.search(r"(^|,)-0(\.0*)?(,|$)", (tmp_path / "a.csv").read_text(), re.MULTILINE)
     assert set(recording_columns(moved, read)) == set(
         (tmp_path / "a.csv").read_text().split("\n", 1)[0].split(",")
@@ -225,7 +225,7 @@ def test_columns_say_no_negative_zero(moved: Motion, tmp_path: Path) -> None:
 def test_a_folder_that_is_missing_is_told(moved: Motion, tmp_path: Path) -> None:
     read = readings(Electronics(), moved.time, moved.poses, RADIUS, HALF)
     with pytest.raises(RecordingError, match="cannot write the recording"):
-        write_recording(tmp_path / "none" / "a.csv", moved, read)
+        write_recording(tmp_path / "none" / "a.csv", recording_columns(moved, read))
 
 
 def test_levels_hold_what_is_sampled_and_step_no_further() -> None:

@@ -1,0 +1,97 @@
+"""softfuse evaluate: the evaluation of Navarro et al. 2020 on a virtual test bed, beside their figures."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from softfuse.cli.calibrate import calibrated_device
+from softfuse.cli.evaluation_bed import record
+from softfuse.cli.evaluation_estimates import estimates
+from softfuse.cli.evaluation_finger import FINGER
+from softfuse.cli.evaluation_pad import PAD
+from softfuse.cli.evaluation_report import write_evaluation
+from softfuse.cli.interruption import termination_interrupts
+from softfuse.cli.recorded import sample_frames, sensor_columns
+from softfuse.cli.result_folder import claim
+from softfuse.cli.sweep_worker import installed_version
+from softfuse.cli.terminal import Quiet, busy, printable, stdout
+from softfuse.config import DeviceConfig, load
+from softfuse.config.build_evaluation import Bed, build_bed
+from softfuse.config.build_virtual_pad import PadPlan
+from softfuse.config.digest import digest
+from softfuse.experiment.report import table
+from softfuse.hardware.recording import read_recording
+
+
+def evaluate(
+    config: Annotated[Path, typer.Argument(help="Configuration of a pad or a finger (TOML).")],
+    out: Annotated[Path, typer.Option(help="Folder for the results; an evaluation in it is continued.")],
+    grid: Annotated[
+        int, typer.Option(help="A pad is pressed at so many times so many places.", min=2, max=30)
+    ] = 10,
+    seed: Annotated[int, typer.Option(help="Another body with other sensors.", min=0)] = 1,
+    quiet: Quiet = False,
+) -> None:
+    """Press a virtual device as the paper did, estimate, and write its tables and figures; goes on where it
+    stopped.
+    """
+    settings = load(config)
+    bed = build_bed(settings, grid=grid, seed=seed)
+    identity = {
+        "softfuse": installed_version(),
+        "config": digest(settings),
+        "grid": str(grid),
+        "seed": str(seed),
+    }
+    claim(out, "evaluation.json", "an evaluation", identity, parts="estimates/*/*.npz")
+    evaluator = PAD if isinstance(bed.plan, PadPlan) else FINGER
+    with termination_interrupts():
+        recordings = record(settings, bed, out, quiet=quiet)
+        configs = {"as drawn": config}
+        if bed.fitted_to:
+            configs["calibrated"] = _calibrated(settings, recordings[: bed.fitted_to], out, quiet=quiet)
+        found = {
+            way: estimates(
+                load(path),
+                recordings[bed.fitted_to :],
+                out / "estimates" / way.replace(" ", "_"),
+                evaluator,
+                about=f"estimating {way}",
+                quiet=quiet,
+            )
+            for way, path in configs.items()
+        }
+    with busy("writing the report", quiet=quiet):
+        evaluation = evaluator.evaluation(settings, found)
+        title = f"{settings.device.name}: evaluation"
+        written = write_evaluation(out, title, evaluation, _sections(bed))
+    if not quiet:
+        lines = [f"{each.title}\n{each.text}" for each in evaluation.tables]
+        lines.append(f"written to {out}: report.html and {len(written) - 1} tables and figures")
+        stdout.print(printable("\n\n".join(lines)), markup=False, highlight=False, soft_wrap=True)
+
+
+def _calibrated(settings: DeviceConfig, recordings: Sequence[Path], out: Path, *, quiet: bool) -> Path:
+    """The configuration fitted to all samples of some recordings, fitted.toml, with the files beside it."""
+    fitted = out / "fitted.toml"
+    if not all(fitted.with_suffix(suffix).exists() for suffix in (".toml", ".npz", ".html")):
+        read = [read_recording(path, sensor_columns(settings)) for path in recordings]
+        calibrated_device(settings, read, [sample_frames(each) for each in read], fitted, quiet=quiet)
+    return fitted
+
+
+def _sections(bed: Bed) -> list[tuple[str, str]]:
+    """Headings and HTML of what the test bed is."""
+    rows = [(what, str(value)) for what, value in bed.told.items()]
+    sections = [("The test bed", table(("", ""), rows))]
+    if bed.fitted_to:
+        sections.append(
+            (
+                "Calibration",
+                f"<p>Fitted to {bed.fitted_to} presses that are not among these: "
+                '<a href="fitted.html">report</a>.</p>',
+            )
+        )
+    return sections
