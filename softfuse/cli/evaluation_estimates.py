@@ -55,13 +55,14 @@ def estimates(
                 part = Part.of(whole, EVERY)
                 estimated = Estimated(settings, device, mesh, part.recording)
                 study, tracker = study_of(estimated), trackers.get()
-                tracker.reset()
-                frames = sensor_frames(settings, whole)
-                follow(tracker, frames, part, estimated, study, folder / f"{files[k]}.csv")
-                found = evaluator.said(study)
-                trackers.put(tracker)
+                try:
+                    tracker.reset()
+                    frames = sensor_frames(settings, whole)
+                    follow(tracker, frames, part, estimated, study, folder / f"{files[k]}.csv")
+                finally:  # the others wait for it
+                    trackers.put(tracker)
                 done()
-                return found
+                return evaluator.said(study)
 
             return compute
 

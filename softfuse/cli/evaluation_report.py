@@ -62,7 +62,7 @@ class Evaluator:
 def write_evaluation(
     folder: Path, title: str, evaluation: Evaluation, sections: Sequence[tuple[str, str]]
 ) -> list[Path]:
-    """Write everything into the folder, with some sections ahead, and return the files; raises SoftfuseError
+    """Write everything into the folder, further sections among it, and return the files; raises SoftfuseError
     when that cannot be.
     """
     with writing(folder):

@@ -100,7 +100,7 @@ def build_bed(config: DeviceConfig, *, grid: int, seed: int) -> Bed:
             "mesh": f"of its own, edges of {1e3 * settings.surface_size:g} mm at the top",
             "punch": f"{sum(settings.sectors)} cells of its own, a skin of {1e9 * _SKIN:g} mm/MPa under it",
             "forces": ", ".join(f"{force:g} N" for force in forces),
-            "electrodes": "a boundary element model of lines or cells, with parasitics, gains, drift, noise",
+            "electrodes": "a field of their own, parasitics, gains, drift and noise",
             "flow sensors": "zeros, gains, wander and noise of their own, on a converter of 12 bits",
             "estimates": "ten a second, and at each sample",
         },

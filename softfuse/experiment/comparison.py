@@ -37,9 +37,9 @@ class Comparison:
 
     @property
     def rows(self) -> list[tuple[str, ...]]:
-        """The cells of its rows."""
+        """The cells of its rows, of groups with samples."""
         groups = next(iter(self.found.values()))
-        return [self._row(group) for group in groups]
+        return [self._row(group) for group, each in groups.items() if each.n]
 
     def _row(self, group: str) -> tuple[str, ...]:
         spreads = [groups[group] for groups in self.found.values()]
