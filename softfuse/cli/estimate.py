@@ -1,9 +1,8 @@
 """softfuse estimate: from a recording of sensors to location, force and shape in every frame."""
 
 import json
-import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -88,12 +87,10 @@ def follow(
     with csv.open("w", newline="") as stream:
         rows = EstimateRows(stream, estimated, study)
         for frame, wanted in zip(frames, part.estimated, strict=True):
-            started = time.perf_counter()
-            finding = tracker.sense(frame)
             if not wanted:
+                tracker.sense(frame)
                 continue
-            now = tracker.estimate(frame.time_s, finding)
-            estimated.found.append(replace(now, latency_s=time.perf_counter() - started))
+            estimated.found.append(tracker.update(frame))
             study.see(estimated.found[-1], tracker.state)
             rows.write(len(estimated.found) - 1)
 
