@@ -18,7 +18,7 @@ from softfuse.experiment.pad_electrodes import AbstractPadElectrodes, GridElectr
 from softfuse.experiment.pad_field import CrossedLines
 from softfuse.experiment.pad_touches import PadTouches
 from softfuse.experiment.virtual_finger import FingerSettings
-from softfuse.experiment.virtual_pad import PadPose
+from softfuse.experiment.virtual_pad import PadPose, PadSettings, Touch
 from softfuse.hardware.wire.decoder import Decoder
 from softfuse.hardware.wire.message import EVERY_DEVICE, AskMessage, Header, SampleMessage, encode
 from softfuse.hardware.wire.packet import pack
@@ -30,26 +30,33 @@ LINES = [f"{side}{k}" for side in ("row", "col") for k in range(8)]
 CELLS = [f"cell{row}{column}" for row in range(4) for column in range(4)]
 
 
-def made_up_touches(settings, electrodes: AbstractPadElectrodes, touches, gaps, *, solved=None) -> PadTouches:
+class MadeUpBed:
     """Volumes in proportion to force, and electrodes that need no equilibrium."""
-    del settings, solved
-    at, force = np.array([t.at for t in touches]), np.array([(0.0, *t.forces) for t in touches])
-    match electrodes:
-        case LineElectrodes():
-            near, pressed = made_up_lines(electrodes.lines, at, np.array(gaps), force.shape[1])
-        case GridElectrodes():
-            near, pressed = of_a_grid(electrodes, at, gaps, force)
-        case _:
-            raise TypeError(f"{electrodes} are not made up here")
-    return PadTouches(
-        at=at,
-        gap=np.array(gaps),
-        near=near,
-        force=force,
-        depth=1e-4 * force,
-        volume=-1e-8 * force[:, :, None] * np.ones(4),
-        pressed=pressed,
-    )
+
+    def __init__(self, settings: PadSettings, electrodes: AbstractPadElectrodes, gaps) -> None:
+        del settings
+        self._electrodes, self._gaps = electrodes, gaps
+
+    def touched(self, touch: Touch, *, solved=None) -> PadTouches:
+        del solved
+        electrodes, gaps = self._electrodes, np.array(self._gaps)
+        at, force = np.array([touch.at]), np.array([(0.0, *touch.forces)])
+        match electrodes:
+            case LineElectrodes():
+                near, pressed = made_up_lines(electrodes.lines, at, gaps, force.shape[1])
+            case GridElectrodes():
+                near, pressed = of_a_grid(electrodes, at, self._gaps, force)
+            case _:
+                raise TypeError(f"{electrodes} are not made up here")
+        return PadTouches(
+            at=at,
+            gap=gaps,
+            near=near,
+            force=force,
+            depth=1e-4 * force,
+            volume=-1e-8 * force[:, :, None] * np.ones(4),
+            pressed=pressed,
+        )
 
 
 def made_up_lines(
@@ -111,7 +118,7 @@ class MadeUpFinger:
 @pytest.fixture(autouse=True)
 def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing is solved."""
-    monkeypatch.setattr(kept_poses, "pad_touches", made_up_touches)
+    monkeypatch.setattr(kept_poses, "PadBed", MadeUpBed)
     monkeypatch.setattr(kept_poses, "virtual_finger", lambda settings: settings)
     monkeypatch.setattr(kept_poses, "FingerSolver", lambda settings, steps: MadeUpFinger(settings, steps))
 
