@@ -15,6 +15,8 @@ from jaxtyping import Float, Int
 from scipy.optimize import minimize_scalar
 
 from softfuse.calibration.adjustment import Measure
+from softfuse.calibration.discrepancy import alike_in_press
+from softfuse.calibration.posterior import AbstractPosterior
 from softfuse.calibration.robust import Explained, Linear, explained
 from softfuse.estimation.model_error import whitening
 
@@ -69,7 +71,7 @@ class PosePrior:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseFit:
+class PoseFit(AbstractPosterior):
     """Shift along x and y [m], turn [rad] and ln of the stretches along x and y: `value` (5,), `covariance`
     (5, 5), `prior_sigma` (5,); `factor` f [-], with what is not known of these; `before_m`, `after_m`
     (s, 2): place minus location, as configured and as fitted.
@@ -96,16 +98,6 @@ class PoseFit:
     factor: float
     before_m: Float[np.ndarray, "s 2"]
     after_m: Float[np.ndarray, "s 2"]
-
-    @property
-    def sigma(self) -> Float[np.ndarray, "5"]:
-        """Standard deviations (5,)."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def told(self) -> Float[np.ndarray, "5"]:
-        """How much of each parameter the presses tell (5,): 0 nothing beyond the prior, 1 all of it."""
-        return 1 - (self.sigma / self.prior_sigma) ** 2
 
 
 def fit_pose(located: Located, prior: PosePrior, area_m: Float[np.ndarray, "a 2"]) -> PoseFit:
@@ -141,7 +133,7 @@ def _explained(located: Located, factor: float, prior: Float[np.ndarray, "5"]) -
     """The likeliest parameters, in prior standard deviations, with a factor, and ln det of the covariance."""
     _, press = np.unique(located.press, return_inverse=True)
     count = len(press)
-    alike = _ALIKE * (press[:, None] == press) + (1 - _ALIKE) * np.eye(count)
+    alike = alike_in_press(press, _ALIKE)
     left, slope, ln_det = [], [], 0.0
     away = located.place_m - located.location_m
     for axis in range(2):

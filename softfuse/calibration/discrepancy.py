@@ -12,10 +12,16 @@ O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from softfuse.calibration.presses import Presses
 from softfuse.estimation.model_error import missed, whitening
+
+
+def alike_in_press(press: Int[np.ndarray, " s"], correlation: float) -> Float[np.ndarray, "s s"]:
+    """Correlation matrix C (s, s) of samples that belong to presses (s,)."""
+    same = press[:, None] == press
+    return correlation * same + (1 - correlation) * np.eye(len(same))
 
 
 @dataclass(frozen=True)
@@ -30,8 +36,7 @@ class Discrepancy:
     def whitening(self, presses: Presses) -> "Whitening":
         """What makes misfits of presses standard normal."""
         told, sizes = presses.told, missed(presses.reading, self.part)
-        same = presses.press[:, None] == presses.press
-        alike = self.alike * same + (1 - self.alike) * np.eye(len(same))
+        alike = alike_in_press(presses.press, self.alike)
         inverse, ln_det = [], 0.0
         for k in range(told.shape[1]):
             on = told[:, k]

@@ -16,6 +16,7 @@ from scipy.optimize import minimize_scalar
 
 from softfuse.calibration.adjustment import Measure
 from softfuse.calibration.discrepancy import Discrepancy, Whitening
+from softfuse.calibration.posterior import AbstractPosterior
 from softfuse.calibration.presses import Adjustable, Answer, Presses
 from softfuse.calibration.robust import Explained, Linear, cost, explained
 from softfuse.errors import SoftfuseError
@@ -29,7 +30,7 @@ _PARTS = (1e-4, 0.3)
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Fit(AbstractPosterior):
     """What presses say of p parameters with `names` and `measures`.
 
     `value` (p,), `covariance` (p, p) and `prior_sigma` (p,) in SI; `discrepancy`: what the model misses at
@@ -47,21 +48,6 @@ class Fit:
     before: Float[np.ndarray, "s k"]
     after: Float[np.ndarray, "s k"]
     weight: Float[np.ndarray, "s k"]
-
-    @property
-    def sigma(self) -> Float[np.ndarray, " p"]:
-        """Standard deviations (p,)."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def told(self) -> Float[np.ndarray, " p"]:
-        """How much of each parameter the presses tell (p,): 0 nothing beyond the prior, 1 all of it."""
-        return 1 - (self.sigma / self.prior_sigma) ** 2
-
-    @property
-    def correlation(self) -> Float[np.ndarray, "p p"]:
-        """Of the parameters (p, p)."""
-        return self.covariance / np.outer(self.sigma, self.sigma)
 
 
 def fit(

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from softfuse.calibration.adjustment import Measure
 from softfuse.calibration.array_pose import PoseFit
 from softfuse.calibration.fit import Fit
+from softfuse.calibration.posterior import AbstractPosterior
 from softfuse.calibration.presses import Presses
 from softfuse.config import DeviceConfig
 from softfuse.experiment.accuracy import NINETY
@@ -150,7 +151,7 @@ def _spreading(pose: PoseFit) -> str:
     )
 
 
-def _rows(fit: Fit | PoseFit | None) -> list[tuple[str, str, str, str]]:
+def _rows(fit: AbstractPosterior | None) -> list[tuple[str, str, str, str]]:
     """Name, fitted value, half of its 90 % interval, and whether the presses tell it; none without a fit."""
     if fit is None:
         return []

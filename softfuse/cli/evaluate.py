@@ -8,7 +8,7 @@ import typer
 
 from softfuse.cli.calibrate import calibrated_device
 from softfuse.cli.evaluation_bed import record
-from softfuse.cli.evaluation_estimates import estimates
+from softfuse.cli.evaluation_estimates import EVERY, estimates
 from softfuse.cli.evaluation_finger import FINGER
 from softfuse.cli.evaluation_pad import PAD
 from softfuse.cli.evaluation_report import write_evaluation
@@ -84,7 +84,7 @@ def _calibrated(settings: DeviceConfig, recordings: Sequence[Path], out: Path, *
 
 def _sections(bed: Bed) -> list[tuple[str, str]]:
     """Headings and HTML of what the test bed is."""
-    rows = [(what, str(value)) for what, value in bed.told.items()]
+    rows = [*bed.told.items(), ("estimates", f"of each {EVERY}th frame, and of each sample")]
     sections = [("The test bed", table(("", ""), rows))]
     if bed.fitted_to:
         sections.append(

@@ -12,7 +12,7 @@ from softfuse.cli.study import AbstractStudy
 from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import build_mesh
 from softfuse.experiment import finger_figures, shape_figures
-from softfuse.experiment.accuracy import scaled
+from softfuse.experiment.accuracy import scaled, together
 from softfuse.experiment.comparison import Comparison
 from softfuse.experiment.contact_accuracy import ContactSamples, contact_force_table
 from softfuse.experiment.figures import flat_triangles
@@ -67,10 +67,8 @@ def _evaluation(settings: DeviceConfig, found: Mapping[str, Sequence[Arrays]]) -
     """The evaluation of pushes, each estimated in some ways."""
     pushes = {way: [Pushed.of(each) for each in many] for way, many in found.items()}
     names = [point.name for point in settings.points]
-    shapes = {way: _together(ShapeSamples, [each.shape for each in many]) for way, many in pushes.items()}
-    contacts = {
-        way: _together(ContactSamples, [each.contact for each in many]) for way, many in pushes.items()
-    }
+    shapes = {way: together([each.shape for each in many]) for way, many in pushes.items()}
+    contacts = {way: together([each.contact for each in many]) for way, many in pushes.items()}
     position = {way: scaled(position_table(each, names), 1e3) for way, each in shapes.items()}
     force = {way: scaled(contact_force_table(each), 100.0) for way, each in contacts.items()}
     named = _named(next(iter(pushes.values())))
@@ -103,10 +101,6 @@ def _evaluation(settings: DeviceConfig, found: Mapping[str, Sequence[Arrays]]) -
             ),
         ]
     return Evaluation(tables, tuple(plates), (), {way: _rows(each, names) for way, each in shapes.items()})
-
-
-def _together(kind: type, parts: Sequence):
-    return kind(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(kind)))
 
 
 def _named(pushes: Sequence[Pushed]) -> dict[str, str]:

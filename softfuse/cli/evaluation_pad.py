@@ -11,7 +11,7 @@ from softfuse.cli.study import AbstractStudy
 from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import build_mesh
 from softfuse.experiment import figures
-from softfuse.experiment.accuracy import Samples, coverage, force_table, location_table, scaled
+from softfuse.experiment.accuracy import Samples, coverage, force_table, location_table, scaled, together
 from softfuse.experiment.comparison import Comparison
 from softfuse.experiment.mutual_figures import fig_11
 from softfuse.experiment.paper import FORCE_ERROR_PERCENT, LOCATION_ERROR_MM
@@ -30,7 +30,7 @@ def _said(study: AbstractStudy) -> Arrays:
 
 def _evaluation(settings: DeviceConfig, found: Mapping[str, Sequence[Arrays]]) -> Evaluation:
     """The evaluation of presses, each estimated in some ways."""
-    samples = {way: Samples.together([Samples(**each) for each in many]) for way, many in found.items()}
+    samples = {way: together([Samples(**each) for each in many]) for way, many in found.items()}
     named = _named(next(iter(samples.values())))
     location = {way: scaled(location_table(each), 1e3) for way, each in samples.items()}
     force = {way: scaled(force_table(each), 100.0) for way, each in samples.items()}

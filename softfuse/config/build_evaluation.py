@@ -14,16 +14,13 @@ import numpy as np
 
 from softfuse.config.build_virtual import build_plan
 from softfuse.config.build_virtual_finger import FingerPlan
-from softfuse.config.build_virtual_pad import PadPlan
+from softfuse.config.build_virtual_pad import PadPlan, within
 from softfuse.config.contact import DiscSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.experiment.finger_bed import TABLE_III
 from softfuse.experiment.finger_pushes import Push, Steps, equilibria
 from softfuse.experiment.virtual_finger import DRAWING, FingerErrors, FingerSettings
 from softfuse.experiment.virtual_pad import PadErrors, Touch
-
-_LEVELS = (0.2, 0.4, 0.6)
-"""Forces, as parts of the largest that the contact is made for: 5, 10 and 15 N of 25 N."""
 
 _REACH = 28 / 30
 """How far the grid reaches from the middle of the workspace to its ends: 28 mm of 30 mm."""
@@ -37,8 +34,8 @@ _PAD_MESH = (0.125, 0.15, 0.5)
 _SKIN = 0.2e-9
 """Compliance [m/Pa] of what the punch presses through: a tenth of a millimetre of silicone."""
 
-_CAVITY_PLACE, _CAVITY_SIZE, _STIFFNESS = 0.3e-3, 0.2e-3, 0.1
-"""Bounds of a pad's errors of making, in m and as part of its stiffness."""
+_STIFFNESS = 0.1
+"""Bound of a pad's error of stiffness, as a part of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,13 +61,9 @@ def build_bed(config: DeviceConfig, *, grid: int, seed: int) -> Bed:
     plan = build_plan(config)
     if isinstance(plan, FingerPlan):
         return _finger_bed(plan, seed)
-    contact = config.contact
-    assert isinstance(contact, DiscSettings)  # the plan has told
-    low, high = (np.array(ends) for ends in zip(contact.workspace.x, contact.workspace.y, strict=True))
-    forces = tuple(level * contact.max_force for level in _LEVELS)
-    along = _REACH * np.linspace(-1.0, 1.0, grid)
-    places = [*_FITTED_TO, *product(along, along)]
-    at = 0.5 * (low + high) + 0.5 * (high - low) * np.array(places)
+    assert isinstance(config.contact, DiscSettings)  # the plan has told
+    forces, along = plan.touches[0].forces, _REACH * np.linspace(-1.0, 1.0, grid)
+    at = within(config.contact, [*_FITTED_TO, *product(along, along)])
     length = max(plan.settings.drawing.size[:2])
     surface, base, growth = _PAD_MESH
     # Not from the stream of the cavities' errors.
@@ -82,7 +75,7 @@ def build_bed(config: DeviceConfig, *, grid: int, seed: int) -> Bed:
         base_size=base * length,
         growth=growth,
         layer=_SKIN,
-        errors=PadErrors(_CAVITY_PLACE, _CAVITY_SIZE, seed),
+        errors=PadErrors(seed=seed),
     )
     touches = tuple(Touch((float(x), float(y)), forces) for x, y in at)
     names = [f"calibration_{k}" for k in range(len(_FITTED_TO))]
@@ -95,14 +88,13 @@ def build_bed(config: DeviceConfig, *, grid: int, seed: int) -> Bed:
         seed,
         {
             "material": f"{settings.silicone} (Yeoh), stiffness off by {100 * off:+.1f} %",
-            "cavities": f"places off by up to {1e3 * _CAVITY_PLACE:g} mm, sizes by up to "
-            f"{1e3 * _CAVITY_SIZE:g} mm",
+            "cavities": f"places off by up to {1e3 * settings.errors.cavity_place:g} mm, sizes by up to "
+            f"{1e3 * settings.errors.cavity_size:g} mm",
             "mesh": f"of its own, edges of {1e3 * settings.surface_size:g} mm at the top",
             "punch": f"{sum(settings.sectors)} cells of its own, a skin of {1e9 * _SKIN:g} mm/MPa under it",
             "forces": ", ".join(f"{force:g} N" for force in forces),
             "electrodes": "a field of their own, parasitics, gains, drift and noise",
             "flow sensors": "zeros, gains, wander and noise of their own, on a converter of 12 bits",
-            "estimates": "ten a second, and at each sample",
         },
     )
 
@@ -141,6 +133,5 @@ def _finger_bed(plan: FingerPlan, seed: int) -> Bed:
         "mesh": f"of its own, edges of {1e3 * settings.wall_size:g} mm at the cavities",
         "tips": f"rigid and round, radius {1e3 * settings.tip_radius:g} mm, without friction",
         "pressure sensors": "zeros, gains, drift and noise of their own, on a converter of 12 bits",
-        "estimates": "ten a second, and at each sample",
     }
     return Bed(replace(plan, settings=settings, pushes=pushes, steps=steps), names, 0, count, seed, told)

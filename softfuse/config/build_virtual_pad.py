@@ -1,10 +1,11 @@
 """From settings to a virtual pad that is touched at four places of its workspace."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from softfuse.config.body import PadSource
 from softfuse.config.contact import DiscSettings
@@ -95,10 +96,8 @@ def pad_plan(config: DeviceConfig, source: PadSource, shear_modulus: float, pois
         cavity_centres=tuple((x, y) for x, y, _ in centres),
         cavity_z_bottom=centres[0][2] - 0.5 * source.cavity_size[2],
     )
-    low, high = (np.array(ends) for ends in zip(contact.workspace.x, contact.workspace.y, strict=True))
     forces = tuple(share * contact.max_force for share in _LEVELS)
-    middle, half = 0.5 * (low + high), 0.5 * (high - low)
-    places = (middle + half * np.array(place) for place in _PLACES)
+    places = within(contact, _PLACES)
     length = max(source.size[:2])
     return PadPlan(
         PadSettings(
@@ -119,6 +118,12 @@ def pad_plan(config: DeviceConfig, source: PadSource, shear_modulus: float, pois
         flow.channels,
         electrodes.channels,
     )
+
+
+def within(contact: DiscSettings, shares: Sequence[tuple[float, float]]) -> Float[np.ndarray, "n 2"]:
+    """Places (n, 2) m so far from the middle of the workspace to its ends (±1)."""
+    low, high = (np.array(ends) for ends in zip(contact.workspace.x, contact.workspace.y, strict=True))
+    return 0.5 * (low + high) + 0.5 * (high - low) * np.array(shares)
 
 
 @dataclass(frozen=True, eq=False)

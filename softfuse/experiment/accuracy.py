@@ -6,9 +6,12 @@ all samples, over those whose true location lies within the workspace circle, an
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+
+T = TypeVar("T", bound=Any)
 
 WORKSPACE_CIRCLE_M = 28e-3
 """Radius of the paper's workspace circle [m]."""
@@ -47,17 +50,18 @@ class Samples:
         """Those of the samples for which it holds (s,)."""
         return Samples(*(getattr(self, each.name)[which] for each in fields(self)))
 
-    @classmethod
-    def together(cls, parts: Sequence["Samples"]) -> "Samples":
-        """All samples of one or more parts."""
-        return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
-
     def groups(self) -> dict[str, np.ndarray]:
         """Masks (s,) of all samples, those in the workspace circle, and those of each level."""
         every = np.ones(len(self.level), bool)
         circle = np.linalg.norm(self.true_location_m, axis=1) <= WORKSPACE_CIRCLE_M
         levels = {f"level_{k}": self.level == k for k in np.unique(self.level)}
         return {"all": every, "circle": circle, **levels}
+
+
+def together(parts: Sequence[T]) -> T:
+    """All samples of one or more parts, dataclasses of one kind whose fields are arrays (s, ...)."""
+    kind = type(parts[0])
+    return kind(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(kind)))
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from softfuse.experiment.accuracy import Samples, coverage, force_table, location_table
+from softfuse.experiment.accuracy import Samples, coverage, force_table, location_table, together
 
 TRUE = 1e-3 * np.array([[0.0, 0.0], [28.0, 0.0], [25.0, 25.0], [3.0, 4.0]])
 
@@ -58,7 +58,7 @@ def test_coverage_counts_the_truth_within_the_90_percent_interval(samples: Sampl
 def test_samples_are_parted_and_put_together(samples: Samples) -> None:
     parts = [samples.only(samples.level == k) for k in (1, 2, 3)]
     assert [len(part.level) for part in parts] == [2, 1, 1]
-    together = Samples.together(parts)
-    np.testing.assert_array_equal(together.level, [1, 1, 2, 3])
-    np.testing.assert_array_equal(together.true_location_m, TRUE[[0, 3, 1, 2]])
-    assert force_table(together)["all"].mean == pytest.approx(force_table(samples)["all"].mean)
+    whole = together(parts)
+    np.testing.assert_array_equal(whole.level, [1, 1, 2, 3])
+    np.testing.assert_array_equal(whole.true_location_m, TRUE[[0, 3, 1, 2]])
+    assert force_table(whole)["all"].mean == pytest.approx(force_table(samples)["all"].mean)
