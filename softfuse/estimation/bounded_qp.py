@@ -34,6 +34,10 @@ class Rows(eqx.Module):
         """No rows on n unknowns."""
         return cls(jnp.zeros((0, n)), jnp.zeros(0), jnp.zeros(0))
 
+    def joined(self, others: "Rows") -> "Rows":
+        """These rows, then others of the same unknowns."""
+        return jax.tree.map(lambda *each: jnp.concatenate(each), self, others)
+
 
 class _Search(NamedTuple):
     """Which rows (m,) are taken to be active, whether that changed last, and how often it was looked at."""

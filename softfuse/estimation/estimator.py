@@ -67,13 +67,22 @@ class Estimator:
     what makes another one is compiled beside the frames that follow the first.
     """
 
-    def __init__(self, device: Device, limits: Limits, places: Array, settings: StepSettings = DEFAULT_STEPS):
-        """Compile the step for as many contacts as there are `places` (c, ...), wherever they are.
+    def __init__(
+        self,
+        device: Device,
+        limits: Limits,
+        places: Array,
+        settings: StepSettings = DEFAULT_STEPS,
+        *,
+        places_known: bool = True,
+    ):
+        """Compile the step for as many contacts as there are `places` (c, ...), wherever they are, and for
+        observations whose `places_known` are exact or have a prior.
 
         Raises SolveError as `LiveStep` does.
         """
         self.device, self.limits, self.settings = device, limits, settings
-        self.live = LiveStep(device, limits, places, settings.refinements)
+        self.live = LiveStep(device, limits, places, settings.refinements, places_known=places_known)
         self.compile_s = self.live.compile_s
         self._ready = self.live.first
         self.reset()
@@ -110,6 +119,8 @@ class Estimator:
         for count in range(self.settings.steps_per_frame + self.settings.catch_up_steps):
             if count >= self.settings.steps_per_frame and told is not None and not told.report.taken < 1:
                 break
+            if told is not None:
+                seen = seen.found_at(told.report.offset)
             fresh = self._renew
             if fresh:
                 carried = self.live.begin(self._ready, carried.state, seen.places)

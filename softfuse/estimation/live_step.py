@@ -25,7 +25,7 @@ from softfuse.estimation.device import Device
 from softfuse.estimation.kept_programs import lowered
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.packing import Packed, Packing
-from softfuse.estimation.step import Observation, StepReport, estimate_step
+from softfuse.estimation.step import Observation, PlacePrior, StepReport, estimate_step
 
 _LEAST_MOTION = 1e-3
 """The part of the whole motion below which what a step leaves to do is noise."""
@@ -119,9 +119,11 @@ def _left_to_do(
 class LiveStep:
     """The programs of devices of one structure and size; compiled when made."""
 
-    def __init__(self, device: Device, limits: Limits, places: Array, refinements: int):
-        """Compile for as many contacts as there are `places` (c, ...), wherever they are; `first` is the
-        device, made ready.
+    def __init__(
+        self, device: Device, limits: Limits, places: Array, refinements: int, *, places_known: bool = True
+    ):
+        """Compile for as many contacts as there are `places` (c, ...), wherever they are, and for
+        observations whose `places_known` are exact or have a prior; `first` is the device, made ready.
 
         Raises SolveError when the body's tangent at rest is singular, or when the limits are for another
         number of drives than contacts and attached loads have.
@@ -140,9 +142,11 @@ class LiveStep:
                     "contact, then for each attached load"
                 )
             readings = jnp.zeros(device.readings)
-            seen = Observation(readings, jnp.zeros((device.readings, device.readings)), places)
+            white = jnp.zeros((device.readings, device.readings))
+            self._prior = None if places_known else _all_known(places)
+            seen = Observation(readings, white, places, self._prior)
             self._frames = Packing.of((limits, seen))
-            self._reports = Packing.of(_report_like(device, drive))
+            self._reports = Packing.of(_report_like(device, drive, seen))
             on = lowered(_known if static.linear.knows else _begun, static, arrays, rest.result, places)
             goes_on = aside.submit(on.compile)
             fixed = static, 0 if static.linear.knows else refinements, self._frames, self._reports
@@ -186,7 +190,8 @@ class LiveStep:
     def step(
         self, ready: Ready, carried: Carried, limits: Limits, seen: Observation
     ) -> tuple[Carried, Stepped]:
-        """One step; waits for it."""
+        """One step; waits for it. Places without a prior are known."""
+        seen = seen if seen.prior is not None else seen._replace(prior=self._prior)
         after = ready.step(carried, self._frames.pack((limits, seen), np))
         told = self._reports.unpack({kind: np.asarray(vector) for kind, vector in after.told.items()})
         return carried._replace(state=after.state, resistance=after.resistance), told
@@ -206,9 +211,17 @@ def _split(device: Device) -> tuple[Device, Device]:
     return eqx.partition(rough, eqx.is_array)
 
 
-def _report_like(device: Device, drive: jax.ShapeDtypeStruct) -> Stepped:
+def _all_known(places: Array) -> PlacePrior:
+    """Of places that are known."""
+    each = np.zeros((len(places), 2))
+    return PlacePrior(each, np.zeros((each.size, each.size)), each, each)
+
+
+def _report_like(device: Device, drive: jax.ShapeDtypeStruct, seen: Observation) -> Stepped:
     """What `Stepped` is like, by shapes."""
     k, drives = device.readings, drive.shape[0]
+    offset = None if seen.prior is None else seen.prior.offset
+    unknowns = drives + (0 if offset is None else offset.size)
     number = jnp.zeros(())
-    misfit, w, information = jnp.zeros(k), jnp.zeros((k, drives)), jnp.zeros((drives, drives))
-    return Stepped(jnp.zeros(drives), StepReport(misfit, w, information, *[number] * 6))
+    misfit, w, information = jnp.zeros(k), jnp.zeros((k, drives)), jnp.zeros((unknowns, unknowns))
+    return Stepped(jnp.zeros(drives), StepReport(misfit, w, information, offset, *[number] * 6))

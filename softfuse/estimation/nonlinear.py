@@ -82,8 +82,8 @@ def _converged_jvp(primals, tangents):
 def nonlinear_estimate(
     device: Device, limits: Limits, start: State, seen: Observation, *, steps: int = 25
 ) -> Converged:
-    """The drives that explain an observation best; differentiable in device and observation at constant cost
-    in `steps`.
+    """The drives that explain an observation best, its places taken to be known; differentiable in device and
+    observation at constant cost in `steps`.
 
     `start`: an equilibrium to search from. The shape is `simulate(device, seen.places, drive).state`.
     """

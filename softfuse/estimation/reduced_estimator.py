@@ -52,17 +52,26 @@ class _Aside(NamedTuple):
 class ReducedEstimator:
     """Follows the state of a device with an atlas through observations; compiled when made."""
 
-    def __init__(self, atlas: Atlas, limits: Limits, places: Array, settings: StepSettings = DEFAULT_STEPS):
-        """Compile the step for as many contacts as there are `places` (c, ...), wherever they are; the full
-        body's, and then all charts, are made ready after the first estimate or while none is asked for.
+    def __init__(
+        self,
+        atlas: Atlas,
+        limits: Limits,
+        places: Array,
+        settings: StepSettings = DEFAULT_STEPS,
+        *,
+        places_known: bool = True,
+    ):
+        """Compile the step for as many contacts as there are `places` (c, ...), wherever they are, and for
+        observations whose `places_known` are exact or have a prior; the full body's, and then all charts, are
+        made ready after the first estimate or while none is asked for.
 
         Raises SolveError as `Estimator` does, and SoftfuseError when the first chart cannot be read.
         """
         assert isinstance(atlas.full.body, Body)
         self.device, self.limits, self._atlas = atlas.full, limits, atlas
-        self._small = Estimator(atlas.chart(0).device, limits, places, settings)
+        self._small = Estimator(atlas.chart(0).device, limits, places, settings, places_known=places_known)
         self.compile_s = self._small.compile_s
-        self._places, self._settings = places, settings
+        self._places, self._settings, self._places_known = places, settings, places_known
         self._ready: dict[int, Ready | None] = {}
         self._aside: _Aside | None = None
         self._each = atlas.full.contact.drives
@@ -76,7 +85,9 @@ class ReducedEstimator:
         if self._aside is None:
             full, thread = self._atlas.full, ThreadPoolExecutor(1)
             assert isinstance(full.body, Body)
-            ready = thread.submit(Estimator, full, self.limits, self._places, self._settings)
+            ready = thread.submit(
+                Estimator, full, self.limits, self._places, self._settings, places_known=self._places_known
+            )
             self._aside = _Aside(ready, thread.submit(rest_stiffness, full.body))
             for number in range(len(self._atlas.regions)):
                 thread.submit(self._of, number)
@@ -131,7 +142,7 @@ class ReducedEstimator:
             if pressed.any():
                 # Who does not press is anywhere, but has to be where the chart is.
                 places = np.where(pressed.reshape(-1, *[1] * (places.ndim - 1)), places, places[pressed][0])
-            near = Observation.on_host(seen.reading, seen.whitening, places)
+            near = seen._replace(places=places)
             if self._taken(number, near.places):
                 before = self._small.state
                 found = self._small.update(near, limits)
