@@ -38,7 +38,7 @@ from softfuse.equilibrium.load import Loads
 from softfuse.equilibrium.multifrontal import Multifrontal
 from softfuse.equilibrium.newton import Newton, solve
 from softfuse.equilibrium.solution import RESULTS, State
-from softfuse.estimation.tracker import Frame, Tracked
+from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.experiment.accuracy import NINETY
 from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.mutual_field import Thing

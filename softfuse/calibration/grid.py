@@ -42,9 +42,6 @@ class Grid:
         """How uncertain readings are, of what a device with parameters of such a covariance answers to these
         presses.
         """
-        shape = (len(self.x_m), len(self.y_m), answer.reading.shape[1])
         by_parameters = answer.slope @ np.linalg.cholesky(covariance) / self.each_N
-        by_place = answer.place_slope[..., :2] / self.each_N
-        return ReadingSpread(
-            self.x_m, self.y_m, by_parameters.reshape(*shape, -1), by_place.reshape(*shape, 2)
-        )
+        shape = (len(self.x_m), len(self.y_m), answer.reading.shape[1], -1)
+        return ReadingSpread(self.x_m, self.y_m, by_parameters.reshape(shape))

@@ -22,7 +22,8 @@ from softfuse.config.build_mesh import build_mesh
 from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.tracker import Frame, Tracker
+from softfuse.estimation.tracked import Frame
+from softfuse.estimation.tracker import Tracker
 from softfuse.hardware.recording import Recording, read_recording
 
 

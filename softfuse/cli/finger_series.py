@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from softfuse.cli.finger_truth import FingerTruth
 from softfuse.equilibrium.solution import State
-from softfuse.estimation.tracker import Tracked
+from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.contact_accuracy import NOWHERE, ContactSamples
 from softfuse.experiment.posture import Posture
 from softfuse.experiment.shape_accuracy import ShapeSamples

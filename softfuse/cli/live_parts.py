@@ -13,7 +13,8 @@ from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
 from softfuse.equilibrium.solution import State
 from softfuse.estimation.device import Device
-from softfuse.estimation.tracker import Tracked, Tracker
+from softfuse.estimation.tracked import Tracked
+from softfuse.estimation.tracker import Tracker
 from softfuse.hardware.live.follower import ChannelGroup, Fields, Follower
 from softfuse.hardware.record.entries import Kind
 

@@ -46,14 +46,10 @@ def observe(
     places = grid.place_m
     with tracked_calls("pressing", total=len(places), quiet=quiet) as seen:
         answer = response(device, places, force, seen=seen)
-    noise, known, one = (
-        np.full(answer.reading.shape[1], 1e-9 * volume_sigma),
-        np.zeros((1, 2)),
-        np.array([force]),
-    )
+    noise, one = np.full(answer.reading.shape[1], 1e-9 * volume_sigma), np.array([force])
     covariance = np.array(
         [
-            error.covariance(reading, noise, place[None], known, one)
+            error.covariance(reading, noise, place[None], one)
             for reading, place in zip(answer.reading, places, strict=True)
         ]
     )

@@ -14,7 +14,7 @@ from softfuse.config.build_watched import build_watched
 from softfuse.config.contact import DiscSettings, PatchSettings
 from softfuse.equilibrium.solution import State
 from softfuse.estimation.device import Device
-from softfuse.estimation.tracker import Tracked
+from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.contact_accuracy import NOWHERE
 
 Value = float | str

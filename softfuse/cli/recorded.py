@@ -7,7 +7,7 @@ from jaxtyping import Int
 
 from softfuse.config import DeviceConfig
 from softfuse.errors import ConfigError
-from softfuse.estimation.tracker import Frame, Tracked
+from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.experiment.accuracy import Samples
 from softfuse.hardware.recording import Recording
 

@@ -1,5 +1,7 @@
 """From settings to what turns the frames of a device's sensors into contacts, forces and shape."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 
 from softfuse.config.build_device import build_limits, build_step_settings
@@ -88,7 +90,7 @@ def build_model_error(config: DeviceConfig) -> ModelError:
         return ModelError(part)
     if not isinstance(config.contact, DiscSettings):
         raise ConfigError(f"{config.path}: estimator.reading_spread: only discs press at places of a grid")
-    return ModelError(part, read_spread(path, len(config.cavities)))
+    return ModelError(part, spread=read_spread(path, len(config.cavities)))
 
 
 def build_tracker(config: DeviceConfig, device: Device | Atlas) -> Tracker:
@@ -100,4 +102,7 @@ def build_tracker(config: DeviceConfig, device: Device | Atlas) -> Tracker:
     contacts = senses.contacts if isinstance(senses, FingerSenses | MutualSenses) else 1
     limits = build_limits(config, contacts)
     settings = TrackerSettings(config.estimator.poor_fit, build_model_error(config))
+    if isinstance(config.contact, DiscSettings):
+        x, y = config.contact.workspace.x, config.contact.workspace.y
+        settings = replace(settings, workspace_m=tuple(zip(x, y, strict=True)))
     return Tracker(senses, device, limits, settings, build_step_settings(config))

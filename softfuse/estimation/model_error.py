@@ -23,9 +23,12 @@ def missed(reading: Float[np.ndarray, "*s k"], part: float) -> Float[np.ndarray,
 
 @dataclass(frozen=True, eq=False)
 class ModelError:
-    """`part` [-] of a reading by which the model may be wrong, and the spread of its parameters, if known."""
+    """`part` [-] of each reading by which the model may be wrong, for each by itself, `alike` [-] for all
+    together, as where its stiffness is not known; and the spread of its parameters, if known.
+    """
 
     part: float = 0.0
+    alike: float = 0.0
     spread: ReadingSpread | None = None
 
     def covariance(
@@ -33,16 +36,22 @@ class ModelError:
         reading: Float[np.ndarray, " k"],
         sigma: Float[np.ndarray, " k"],
         places: np.ndarray,
-        place_sigma_m: Float[np.ndarray, "c 2"],
         force_N: Float[np.ndarray, " c"],
     ) -> Float[np.ndarray, "k k"]:
         """Covariance (k, k) of measured minus modelled readings (k,) with sensors' noise (k,), under contacts
-        at places (c, ...), known to (c, 2) m, with forces (c,) N.
+        at places (c, ...) with forces (c,) N.
         """
         covariance = np.diag(sigma**2 + missed(reading, self.part) ** 2)
+        covariance += self.alike**2 * np.outer(reading, reading)
         if self.spread is not None:
-            covariance += self.spread.covariance(places, place_sigma_m, force_N)
+            covariance += self.spread.covariance(places, force_N)
         return covariance
+
+
+AS_DRAWN = ModelError(part=0.1, alike=0.2)
+"""Of a model that has not been compared with presses: silicones of one name differ more, but who makes a
+device measures its modulus.
+"""
 
 
 def whitening(

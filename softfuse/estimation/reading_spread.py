@@ -1,10 +1,9 @@
-"""By how much a device's readings are uncertain because its parameters and the places of contacts are.
+"""By how much a device's readings are uncertain because its parameters are.
 
 Parameters of covariance C = B Bᵀ, on which readings depend with slopes J (k, p), make them uncertain by A Aᵀ,
-A = J B; a place of standard deviations σ in x and y, on which they depend with slopes G (k, 2), by G diag(σ²)
-Gᵀ. Both are known on a grid of places, over the force there, and taken to be linear in the force and between
-the places: contacts (c,) with forces F_c at places p_c have A = Σ_c F_c a(p_c), since all depend on the same
-parameters, and places that are independent.
+A = J B. It is known on a grid of places, over the force there, and taken to be linear in the force and
+between the places: contacts (c,) with forces F_c at places p_c have A = Σ_c F_c a(p_c), since all depend on
+the same parameters.
 """
 
 import zipfile
@@ -21,29 +20,24 @@ from softfuse.errors import SoftfuseError
 @dataclass(frozen=True, eq=False)
 class ReadingSpread:
     """Of one contact at each place of a grid of x (a,) and y (b,) [m], over its force: `by_parameters`
-    (a, b, k, p): A [1/N]; `by_place` (a, b, k, 2): G [1/(N m)]; readings in SI.
+    (a, b, k, p): A [1/N]; readings in SI.
     """
 
     x_m: Float[np.ndarray, " a"]
     y_m: Float[np.ndarray, " b"]
     by_parameters: Float[np.ndarray, "a b k p"]
-    by_place: Float[np.ndarray, "a b k 2"]
 
     def covariance(
         self,
         places_m: Float[np.ndarray, "c 3"],
-        place_sigma_m: Float[np.ndarray, "c 2"],
         force_N: Float[np.ndarray, " c"],
     ) -> Float[np.ndarray, "k k"]:
-        """Covariance (k, k) of readings under contacts at places (c, 3) m, known to (c, 2) m, with forces
-        (c,) N; beyond the grid that of its border. A place whose deviation is NaN is taken to be known.
+        """Covariance (k, k) of readings under contacts at places (c, 3) m with forces (c,) N; beyond the grid
+        that of its border.
         """
         share, i, j = self._corners(places_m)
         a = np.einsum("qc,qckp->kp", share * force_N, self.by_parameters[i, j])
-        moved = np.einsum(
-            "qc,qcki,ci->cki", share * force_N, self.by_place[i, j], np.nan_to_num(place_sigma_m)
-        )
-        return a @ a.T + np.einsum("cki,cli->kl", moved, moved)
+        return a @ a.T
 
     def _corners(self, places_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The four corners of the grid's cells that places (c, 3) are in: their shares and numbers (4, c)."""
@@ -59,7 +53,7 @@ def _between(grid: Float[np.ndarray, " g"], at: Float[np.ndarray, " c"]) -> tupl
     return k, (inside - grid[k]) / (grid[k + 1] - grid[k])
 
 
-_ARRAYS = ("x_m", "y_m", "by_parameters", "by_place")
+_ARRAYS = ("x_m", "y_m", "by_parameters")
 
 
 def write_spread(path: Path, spread: ReadingSpread, **others: np.ndarray) -> None:
@@ -76,12 +70,12 @@ def read_spread(path: Path, readings: int) -> ReadingSpread:
     """
     try:
         with np.load(path, allow_pickle=False) as arrays:
-            x, y, by_parameters, by_place = (np.asarray(arrays[name], float) for name in _ARRAYS)
+            x, y, by_parameters = (np.asarray(arrays[name], float) for name in _ARRAYS)
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise SoftfuseError(f"{path}: holds no spread of readings: calibrate again ({error})") from error
     grid = (len(x), len(y), readings)
-    shapes = by_parameters.shape[:3] == grid and by_parameters.ndim == 4 and by_place.shape == (*grid, 2)
-    whole = all(np.isfinite(each).all() for each in (x, y, by_parameters, by_place))
-    if not (shapes and whole and min(len(x), len(y)) >= 2):
+    shaped = by_parameters.shape[:3] == grid and by_parameters.ndim == 4
+    whole = all(np.isfinite(each).all() for each in (x, y, by_parameters))
+    if not (shaped and whole and min(len(x), len(y)) >= 2):
         raise SoftfuseError(f"{path}: no spread of {readings} readings over a grid: calibrate again")
-    return ReadingSpread(x, y, by_parameters, by_place)
+    return ReadingSpread(x, y, by_parameters)

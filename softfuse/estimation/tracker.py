@@ -10,7 +10,7 @@ here is threaded, but for compiling, or reads files; `hardware` does that.
 import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -21,136 +21,59 @@ from softfuse.estimation.compiled_senses import CompiledSenses, Finding
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimate, Estimator, StepSettings
 from softfuse.estimation.limits import Limits
-from softfuse.estimation.model_error import ModelError, whitening
+from softfuse.estimation.model_error import AS_DRAWN, ModelError, whitening
 from softfuse.estimation.model_offset import ModelOffset
+from softfuse.estimation.place_search import Placed, PlaceSearch, as_seen, unseen
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation
+from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.sensing.senses import AbstractSenses, Sensed
 from softfuse.sensing.status import Status
 
-
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """One frame of readings: time [s] and groups of channels (n,) in the units of the device's senses.
-
-    NaN stands for what is missing.
-    """
-
-    time_s: float
-    readings: tuple[Float[np.ndarray, " n"], ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Tracked:
-    """What one frame says of c contacts, k readings and what is attached.
-
-    `touching` (c,): what touches; `location_m` (c, 3): where on the body at rest, NaN where unknown;
-    `location_sigma_m` (c, 2): standard deviations of x and y, NaN where unknown or not a number of the
-    senses'; `contact_force_N` (c,): NaN where unknown, 0 where nothing touches; `force_covariance_N2` (c, c):
-    see `force_covariance`, NaN where the force is; `attached` (a,): what the attached
-    loads are driven with; `reading`, `sigma` (k,): measured; `misfit` (k,): measured minus modelled, NaN
-    without an estimate and where a reading took no part; `details`: the senses' own measurement;
-    `latency_s`: wall time of the frame.
-    """
-
-    time_s: float
-    touching: Bool[np.ndarray, " c"]
-    location_m: Float[np.ndarray, "c 3"]
-    location_sigma_m: Float[np.ndarray, "c 2"]
-    contact_force_N: Float[np.ndarray, " c"]
-    force_covariance_N2: Float[np.ndarray, "c c"]
-    attached: Float[np.ndarray, " a"]
-    reading: Float[np.ndarray, " k"]
-    sigma: Float[np.ndarray, " k"]
-    misfit: Float[np.ndarray, " k"]
-    details: Any
-    statuses: tuple[Status, ...]
-    latency_s: float
-
-    @property
-    def contacts(self) -> int:
-        """How many touch."""
-        return int(self.touching.sum())
-
-    @property
-    def force_N(self) -> float:
-        """Sum of the contacts' forces [N]; NaN when one is unknown."""
-        return float(np.sum(self.contact_force_N))
-
-    @property
-    def contact_sigma_N(self) -> Float[np.ndarray, " c"]:
-        """Standard deviation (c,) of each contact's force [N]."""
-        return np.sqrt(np.diag(self.force_covariance_N2))
-
-    @property
-    def force_sigma_N(self) -> float:
-        """Standard deviation of the sum of the contacts' forces [N]; NaN when one is unknown."""
-        return float(np.sqrt(np.sum(self.force_covariance_N2)))
-
-    @property
-    def centre_m(self) -> Float[np.ndarray, "3"]:
-        """Force-weighted middle of the contacts (3,) [m]; their mean without forces, NaN without contacts."""
-        if not self.contacts:
-            return np.full(3, np.nan)
-        return self._shares[self._shares > 0] @ self.location_m[self._shares > 0]
-
-    @property
-    def _shares(self) -> Float[np.ndarray, " c"]:
-        """How much each contact counts for their middle (c,), in all 1 where there are some."""
-        force = np.where(self.touching, self.contact_force_N, 0.0)
-        weight = force if force.sum() > 0 else self.touching.astype(float)
-        return np.where(weight > 0, weight, 0.0) / max(weight[weight > 0].sum(), np.finfo(float).tiny)
-
-    @property
-    def centre_sigma_m(self) -> Float[np.ndarray, "2"]:
-        """Standard deviations (2,) of its x and y [m], of contacts that are located independently; NaN where
-        one is unknown.
-        """
-        share = self._shares[self._shares > 0]
-        if not self.contacts:
-            return np.full(2, np.nan)
-        return np.sqrt(share**2 @ self.location_sigma_m[self._shares > 0] ** 2)
-
-    @property
-    def residual(self) -> float:
-        """Root mean square misfit of the readings that took part; NaN without an estimate."""
-        known = self.misfit[np.isfinite(self.misfit)]
-        return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+_AT_LEISURE_S = 2.0
+"""After so long there is time to make ready what most touches do without."""
 
 
 @dataclass(frozen=True)
 class TrackerSettings:
     """When an estimate is doubted: `poor_fit` [-], a misfit above this part of the largest reading;
-    `model_error`, by how much the model may be wrong; and `offset_s` [s], over which time what the model
-    misses is averaged.
+    `model_error`, by how much the model may be wrong; `offset_s` [s], over which time what the model misses
+    is averaged; `workspace_m` (2, 2) [m]: lowest and highest x, y of contacts whose places readings tell.
     """
 
     poor_fit: float = 0.25
     model_error: ModelError = ModelError()
     offset_s: float = 1.0
+    workspace_m: tuple[tuple[float, float], tuple[float, float]] = ((-np.inf, -np.inf), (np.inf, np.inf))
 
 
 class _Estimated(NamedTuple):
-    """Drives (D,), their covariance (D, D), measured minus modelled readings (k,), and what is doubted."""
+    """Drives (D,), covariance (m, m) of these and of places, where contacts press and are, measured minus
+    modelled readings (k,), and what is doubted.
+    """
 
     drive: Float[np.ndarray, " D"]
-    covariance: Float[np.ndarray, "D D"]
+    covariance: Float[np.ndarray, "m m"]
+    places: np.ndarray
+    placed: Placed
     misfit: Float[np.ndarray, " k"]
     doubts: list[Status]
 
 
-def force_covariance(found: Estimate, limits: Limits) -> Float[np.ndarray, "D D"]:
-    """Covariance (D, D) of the drives of an estimate, of those within their limits the inverse of their
-    information.
+def posterior_covariance(found: Estimate, limits: Limits) -> Float[np.ndarray, "DP DP"]:
+    """Covariance (D + P, D + P) of the drives of an estimate and of the numbers η of places that were not
+    known, of those within their limits the inverse of their information.
 
-    One that is held at a limit has the variance that it would have alone, if it could move: by so much the
-    readings let it be wrong; one that has no room has none.
+    A drive that is held at a limit has the variance that it would have alone, if it could move: by so much
+    the readings let it be wrong; one that has no room has none.
     """
     lower, upper = np.asarray(limits.lower), np.asarray(limits.upper)
     information, room = found.report.information, 1e-9 * (upper - lower)
+    places = np.ones(len(information) - len(upper), bool)
     movable = upper > lower
-    free = movable & (found.drive > lower + room) & (found.drive < upper - room)
-    alone = np.where(movable & ~free, 1 / np.diag(information), 0.0)
+    within = movable & (found.drive > lower + room) & (found.drive < upper - room)
+    free = np.append(within, places)
+    alone = np.where(np.append(movable & ~within, ~places), 1 / np.diag(information), 0.0)
     covariance = np.diag(alone)
     covariance[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
     return covariance
@@ -177,11 +100,16 @@ class Tracker:
         with ThreadPoolExecutor(1) as aside:
             self._senses = CompiledSenses(senses, aside)
             places = self._senses.places
+            # Numbers of electrodes are known; x and y may have to be found.
+            numbered = places.ndim == 1
             self.estimator: Estimator | ReducedEstimator
             if isinstance(device, Atlas):
-                self.estimator = ReducedEstimator(device, limits, places, steps)
+                self.estimator = ReducedEstimator(device, limits, places, steps, places_known=numbered)
             else:
-                self.estimator = Estimator(device, limits, places, steps)
+                self.estimator = Estimator(device, limits, places, steps, places_known=numbered)
+        workspace, contacts = np.array(settings.workspace_m), places.shape[0]
+        self._search = None if numbered else PlaceSearch(device, workspace, contacts)
+        self._misses = self._search is not None and self._search.bounded and senses.misses
         device = self.estimator.device
         self.compile_s = time.perf_counter() - started
         self._limits, self._upper = limits, np.asarray(limits.upper)
@@ -201,9 +129,11 @@ class Tracker:
     def reset(self) -> None:
         """Forget the past: nothing has been read, nothing touches."""
         self._senses.reset()
-        self._stroke, self._seen_s = 0.0, -np.inf
+        self._stroke, self._seen_s, self._begun_s = 0.0, -np.inf, np.inf
         self._offset = ModelOffset.none(self.estimator.device.readings)
         self._force_N = np.zeros(len(self._adding))
+        if self._search is not None:
+            self._search.reset()
         self.estimator.reset()
 
     def update(self, frame: Frame) -> Tracked:
@@ -226,10 +156,13 @@ class Tracker:
         sensed = finding.sensed
         said = [status for status, true in sensed.flags.items() if true]
         attached = len(self._upper) - self._split
-        still = np.zeros((len(self._upper), len(self._upper)))
-        found = _Estimated(np.zeros(len(still)), still, np.full(sensed.reading.shape, np.nan), [])
+        found = self._nothing(sensed)
         if not sensed.touching.any():
             said.insert(0, Status.no_contact)
+        if self._search is not None and self._misses:
+            self._begun_s = min(self._begun_s, time_s)
+            if time_s - self._begun_s > _AT_LEISURE_S:
+                self._search.prepare()
         if sensed.pressing.any() or attached:
             found = self._estimate(sensed, time_s)
             said += found.doubts
@@ -237,15 +170,18 @@ class Tracker:
             self.estimator.reset()
         force = self._adding @ found.drive[: self._split]
         covariance = self._adding @ found.covariance[: self._split, : self._split] @ self._adding.T
+        covariance = covariance + np.diag(found.placed.elsewhere_N2)
         unknown = np.asarray(sensed.touching & ~sensed.pressing)
         self._force_N = np.nan_to_num(force)
         return Tracked(
             time_s,
             np.asarray(sensed.touching),
-            np.asarray(sensed.location_m),
-            np.asarray(sensed.location_sigma_m),
+            found.placed.location_m,
+            found.placed.sigma_m,
             np.where(unknown, np.nan, force),
             np.where(unknown[:, None] | unknown, np.nan, covariance),
+            found.places,
+            found.covariance,
             found.drive[self._split :],
             np.asarray(sensed.reading),
             np.asarray(sensed.sigma),
@@ -256,25 +192,31 @@ class Tracker:
         )
 
     def _estimate(self, sensed: Sensed, time_s: float) -> _Estimated:
-        clear, valid, places = bool(sensed.clear), np.asarray(sensed.valid), np.asarray(sensed.places)
-        reading = sensed.reading if clear else sensed.reading - self._offset.at(self._stroke)
+        clear, valid = bool(sensed.clear), np.asarray(sensed.valid)
+        reading = np.asarray(sensed.reading if clear else sensed.reading - self._offset.at(self._stroke))
         allowed = np.ones(len(self._upper), bool)
         allowed[: self._split] = self._of_contacts(np.asarray(sensed.pressing))
         limits = self._limits._replace(upper=np.where(allowed, self._upper, 0.0))
-        uncertain = self.settings.model_error.covariance(
-            np.where(valid, reading, 0.0),
-            np.asarray(sensed.sigma),
-            places,
-            np.asarray(sensed.location_sigma_m),
-            self._force_N,
+        search, places, prior = self._search, np.asarray(sensed.places), None
+        if search is not None:
+            places = search.taken(sensed)
+        uncertain = self._model_error(sensed).covariance(
+            np.where(valid, reading, 0.0), np.asarray(sensed.sigma), places, self._force_N
         )
-        seen = Observation.on_host(np.asarray(reading), whitening(uncertain, valid), places)
+        if search is not None:
+            if search.seek(sensed, self._told(sensed), self._force_N, reading, uncertain):
+                self.estimator.reset()
+            places, prior = search.taken(sensed), search.prior(sensed)
+        seen = Observation.on_host(reading, whitening(uncertain, valid), places, prior)
         found = self.estimator.update(seen, limits)
         if found.lost:
+            if search is not None:
+                search.reset()
             unknown = allowed & (np.arange(len(allowed)) < self._split)
             drive = np.where(unknown, np.nan, np.where(allowed, found.drive, 0.0))
             nothing = np.where(unknown[:, None] | unknown, np.nan, 0.0)
-            return _Estimated(drive, nothing, np.full(valid.shape, np.nan), [Status.inverted])
+            lost = self._nothing(sensed)
+            return lost._replace(drive=drive, covariance=nothing, doubts=[Status.inverted])
         self._stroke = float(np.linalg.norm((reading - found.misfit)[self._strokes]))
         elapsed = time_s - self._seen_s
         if elapsed > 0:  # not where the time is missing or does not increase
@@ -284,7 +226,37 @@ class Tracker:
                 self._offset = self._offset.learned(found.misfit, valid, self._stroke, share)
         misfit = np.where(valid, found.misfit, np.nan)
         doubts = self._doubts(sensed, np.sqrt(np.diag(uncertain)), found, misfit)
-        return _Estimated(found.drive, force_covariance(found, limits), misfit, doubts)
+        covariance, placed = posterior_covariance(found, limits), as_seen(sensed)
+        if search is not None and prior is not None:
+            drives, spread = len(self._upper), np.asarray(prior.spread)
+            scale = np.eye(len(covariance))
+            scale[drives:, drives:] = spread
+            covariance = scale @ covariance @ scale.T
+            force = self._adding @ found.drive[: self._split]
+            told = covariance[drives:, drives:]
+            placed = search.found(sensed, np.asarray(found.report.offset), told, force)
+            places = search.taken(sensed)
+            # Places that the readings did not tell are as sure as they were seen.
+            np.fill_diagonal(told, np.where(np.diag(spread) > 0, np.diag(told), placed.variance_m2))
+        return _Estimated(found.drive, covariance, places, placed, misfit, doubts)
+
+    def _nothing(self, sensed: Sensed) -> _Estimated:
+        """Nothing that presses."""
+        drives = len(self._upper)
+        unexplained = np.full(np.shape(sensed.reading), np.nan)
+        places, still = np.asarray(sensed.places), np.zeros((drives, drives))
+        return _Estimated(np.zeros(drives), still, places, as_seen(sensed), unexplained, [])
+
+    def _model_error(self, sensed: Sensed) -> ModelError:
+        """By how much the model may be wrong; where only readings tell of a contact, never by nothing."""
+        given = self.settings.model_error
+        return AS_DRAWN if given.part == 0 and self._search and unseen(sensed).any() else given
+
+    def _told(self, sensed: Sensed) -> Bool[np.ndarray, " c"]:
+        """Contacts (c,) whose places readings tell: of a model about whose errors nothing is known, only of
+        those that nothing else sees.
+        """
+        return unseen(sensed) | (self.settings.model_error.part > 0)
 
     def _of_contacts(self, flags: Bool[np.ndarray, " c"]) -> Bool[np.ndarray, " d"]:
         """A flag of each contact for each of its drives (d,)."""

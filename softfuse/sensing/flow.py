@@ -189,16 +189,21 @@ def flow_evidence(sensor: FlowSensor, state: FlowState) -> Float[Array, ""]:
 
 
 def squeeze_evidence(sensor: FlowSensor, state: FlowState) -> Float[Array, ""]:
-    """Deviation from zero of the mean flow over the lag, in standard deviations, if it tells of a squeeze.
+    """The largest mean outflow of a channel over the lag, in standard deviations, if it tells of a squeeze.
 
-    Returns: the largest outflow of a channel, and 0 when a channel's inflow is larger still: a release
-    squeezes no cavity, though it moves air out of the neighbours.
+    Returns: 0 when a channel's inflow is larger still: a release squeezes no cavity, though it moves air out
+    of the neighbours.
     """
+    flow = mean_flow(sensor, state)
+    outflow, inflow = jnp.max(flow), jnp.max(-flow)
+    return jnp.where(outflow > inflow, outflow, 0.0)
+
+
+def mean_flow(sensor: FlowSensor, state: FlowState) -> Float[Array, " k"]:
+    """Mean flow (k,) out of the cavities over the lag, in standard deviations."""
     variance = zero_variance(state.zero) + sensor.drift.noise_V**2 / sensor.lag
     mean = jnp.mean(state.lag_V, axis=0) - state.zero.bias_V - state.zero.wander_V
-    outflow = jnp.max(mean / jnp.sqrt(variance))
-    inflow = jnp.max(-mean / jnp.sqrt(variance))
-    return jnp.where(outflow > inflow, outflow, 0.0)
+    return mean / jnp.sqrt(variance)
 
 
 def _push(

@@ -1,11 +1,11 @@
 """All sensors of the pad: one frame of volts and counts to volume changes, touch and location.
 
 Order of work: signals above the baseline -> touch decision (which also looks at the flow up to the last
-frame) -> flow to volume with the zero tracked or frozen by that decision -> location by the peak fit, that is
-followed from frame to frame while something is near -> baseline for the next frame. Causal and pure:
-`pad_sensor_update` runs live, and in a `jax.lax.scan` over a recording. An electrode that lies is found 17
-frames later, see `peak_follow`. Sign: a squeezed cavity has a negative volume change. Electrodes are ordered
-rows first, then columns.
+frame: what electrodes do not see can still squeeze, `felt`) -> flow to volume with the zero tracked or frozen
+by that decision -> location by the peak fit, that is followed from frame to frame while something is near ->
+baseline for the next frame. Causal and pure: `pad_sensor_update` runs live, and in a `jax.lax.scan` over a
+recording. An electrode that lies is found 17 frames later, see `peak_follow`. Sign: a squeezed cavity has a
+negative volume change. Electrodes are ordered rows first, then columns.
 """
 
 import equinox as eqx
@@ -22,7 +22,22 @@ from softfuse.sensing.capacitive import (
     track_baseline,
     weighted_mean_location,
 )
-from softfuse.sensing.flow import FlowSensor, FlowState, flow_evidence, flow_init, flow_update
+from softfuse.sensing.felt import (
+    FeltDetector,
+    FeltState,
+    VolumeChange,
+    felt_detector,
+    felt_init,
+    felt_update,
+)
+from softfuse.sensing.flow import (
+    FlowSensor,
+    FlowState,
+    flow_evidence,
+    flow_init,
+    flow_update,
+    mean_flow,
+)
 from softfuse.sensing.frame_time import frame_step
 from softfuse.sensing.peak_follow import PeakTrack, follow_peak, no_peak
 from softfuse.sensing.peak_model import PeakModel
@@ -36,6 +51,7 @@ class PadSensors(eqx.Module):
     array: CapacitiveArray
     peak: PeakModel
     touch: TouchDetector
+    felt: FeltDetector = eqx.field(default_factory=felt_detector)
 
 
 class PadSensorState(eqx.Module):
@@ -44,7 +60,9 @@ class PadSensorState(eqx.Module):
     time_s: Float[Array, ""]
     flow: FlowState
     array: ArrayState
+    volume: VolumeChange
     touch: TouchState
+    felt: FeltState
     peak: PeakTrack
     lying: Bool[Array, " e"]
 
@@ -72,6 +90,8 @@ class PadMeasurement(eqx.Module):
     """Something is near or touches."""
     touching: Bool[Array, ""]
     """Something touches."""
+    felt: Bool[Array, ""]
+    """Something touches that the electrodes do not see."""
     location_m: Float[Array, "2"]
     """(2,) x, y of the contact [m]; the array's middle while nothing is near."""
     location_covariance_m2: Float[Array, "2 2"]
@@ -93,11 +113,14 @@ class PadMeasurement(eqx.Module):
 def pad_sensor_init(sensors: PadSensors) -> PadSensorState:
     """State before the first frame; the pad is taken to be untouched."""
     electrodes = sensors.peak.row_y_m.shape[0] + sensors.peak.column_x_m.shape[0]
+    cavities = sensors.flow.zero_V.shape[0]
     return PadSensorState(
         time_s=jnp.full((), -jnp.inf, float),
         flow=flow_init(sensors.flow),
         array=array_init(electrodes),
+        volume=VolumeChange(jnp.zeros(cavities), jnp.zeros(cavities, bool)),
         touch=touch_init(),
+        felt=felt_init(),
         peak=no_peak(sensors.peak),
         lying=jnp.zeros(electrodes, bool),
     )
@@ -127,15 +150,28 @@ def pad_sensor_update(
         touch_strength(row_signal, column_signal),
         flow_evidence(sensors.flow, state.flow),
     )
-    flow_state, flow = flow_update(sensors.flow, state.flow, dt, flow_V, touch.touching)
+    settled = state.felt.felt | (state.flow.released_s > sensors.flow.hold_off_s)
+    flowing = jnp.where(settled, mean_flow(sensors.flow, state.flow), 0.0)
+    felt = felt_update(sensors.felt, state.felt, dt, flowing, state.volume, touch.near)
+    touching = touch.touching | felt.felt
+    flow_state, flow = flow_update(sensors.flow, state.flow, dt, flow_V, touching)
     # An electrode found lying stays out until nothing is near.
     trusted = reading.valid & ~state.lying
     peak, (location, covariance, residual, honest, located) = _locate(
         sensors.peak, state.peak, reading.signal_counts, trusted, touch.near
     )
     lying = touch.near & (state.lying | (trusted & ~honest))
-    array = track_baseline(sensors.array, state.array, dt, counts, touch.near, touch.touching)
-    later = PadSensorState(time_s=now, flow=flow_state, array=array, touch=touch, peak=peak, lying=lying)
+    array = track_baseline(sensors.array, state.array, dt, counts, touch.near, touching)
+    later = PadSensorState(
+        time_s=now,
+        flow=flow_state,
+        array=array,
+        volume=VolumeChange(flow.volume_change_m3, flow.volume_valid),
+        touch=touch,
+        felt=felt,
+        peak=peak,
+        lying=lying,
+    )
     return later, PadMeasurement(
         time_s=now,
         time_valid=time_valid,
@@ -146,7 +182,8 @@ def pad_sensor_update(
         flow_missing=flow.missing,
         flow_m3_s=flow.flow_m3_s,
         near=touch.near,
-        touching=touch.touching,
+        touching=touching,
+        felt=felt.felt,
         location_m=location,
         location_covariance_m2=covariance,
         location_valid=located,

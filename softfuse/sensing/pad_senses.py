@@ -41,6 +41,11 @@ class PadSenses(AbstractSenses):
         peak = self.sensors.peak
         return self.sensors.flow.zero_V.shape[0], peak.row_y_m.shape[0], peak.column_x_m.shape[0]
 
+    @property
+    def misses(self):
+        """What does not conduct is not seen."""
+        return True
+
     def init(self):
         """State before the first frame; the pad is taken to be untouched."""
         return pad_sensor_init(self.sensors)
@@ -49,8 +54,9 @@ class PadSenses(AbstractSenses):
         """One frame of flow (k,) [V], rows (r,) and columns (c,) [counts]."""
         begun = jnp.isfinite(state.time_s)
         state, seen = pad_sensor_update(self.sensors, state, time_s, *readings)
-        location = self.pose.on_body(self.locate(seen))
         low, high = self.workspace_m
+        # What electrodes do not see may be anywhere.
+        location = jnp.where(seen.felt, 0.5 * (low + high), self.pose.on_body(self.locate(seen)))
         inside = jnp.all((location >= low) & (location <= high))
         known = seen.volume_valid.any()
         # In the first frame no electrode has a baseline yet.
@@ -62,22 +68,24 @@ class PadSenses(AbstractSenses):
             Status.flow_missing: jnp.any(seen.flow_missing),
             Status.flow_saturated: jnp.any(seen.flow_saturated),
             Status.electrode_lost: jnp.any(lost),
-            Status.location_unknown: touching & ~seen.location_valid,
+            Status.location_unknown: touching & ~seen.location_valid & ~seen.felt,
+            Status.unseen: seen.felt,
             Status.outside: located & ~inside,
-            Status.volume_unknown: located & inside & ~known,
+            Status.volume_unknown: ((located & inside) | seen.felt) & ~known,
         }
         place = jnp.append(location, 0.0)
         deviation = jnp.sqrt(jnp.diagonal(self.pose.spread(seen.location_covariance_m2)))
+        anywhere = (high - low) / jnp.sqrt(12.0)
         return state, Sensed(
             reading=seen.volume_change_m3,
             sigma=seen.volume_sigma_m3,
             valid=seen.volume_valid,
             touching=touching[None],
-            pressing=(located & inside & known)[None],
+            pressing=(((located & inside) | seen.felt) & known)[None],
             clear=~touching,
             places=place[None],
             location_m=jnp.where(located, place, jnp.nan)[None],
-            location_sigma_m=jnp.where(located, deviation, jnp.nan)[None],
+            location_sigma_m=jnp.where(seen.felt, anywhere, jnp.where(located, deviation, jnp.nan))[None],
             flags=flags,
             details=seen,
         )

@@ -21,15 +21,15 @@ class Sensed(NamedTuple):
     touching: Bool[Array, " c"]
     """(c,) something touches here."""
     pressing: Bool[Array, " c"]
-    """(c,) touches at a place that is known and allowed: its force can be estimated."""
+    """(c,) touches at a place that is allowed, known or to be told by the readings: it may have a force."""
     clear: Bool[Array, ""]
     """Nothing is near that could press: what the model misses now is its own error."""
     places: Array
     """(c, ...) places as the device's contact wants them."""
     location_m: Float[Array, "c 3"]
-    """(c, 3) middles of the contacts on the body at rest; NaN where unknown or where nothing touches [m]."""
+    """(c, 3) middles of the contacts on the body at rest; NaN where unseen or where nothing touches [m]."""
     location_sigma_m: Float[Array, "c 2"]
-    """(c, 2) standard deviations of their x and y; NaN where unknown [m]."""
+    """(c, 2) standard deviations of the x and y of places; NaN where unknown [m]."""
     flags: dict[Status, Bool[Array, ""]]
     """What is to be said about the frame, and whether it is."""
     details: Any
@@ -43,6 +43,11 @@ class AbstractSenses(eqx.Module):
     @abstractmethod
     def channels(self) -> tuple[int, ...]:
         """Numbers of channels in each group of readings that a frame has."""
+
+    @property
+    def misses(self) -> bool:
+        """Whether a contact may press that is seen nowhere, so that only readings tell its place."""
+        return False
 
     @abstractmethod
     def init(self) -> Any:

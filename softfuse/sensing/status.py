@@ -18,6 +18,7 @@ class Status(StrEnum):
     cable_missing = "cable length missing"
     electrode_lost = "electrode lost"
     location_unknown = "location unknown"
+    unseen = "not seen by electrodes"
     outside = "outside workspace"
     force_limit = "force limit"
     corrected = "full body used"

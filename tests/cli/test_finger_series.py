@@ -11,7 +11,7 @@ from softfuse.cli.finger_series import FingerSeries, finger_frame
 from softfuse.cli.finger_truth import FingerTruth, finger_truth
 from softfuse.equilibrium.solution import State
 from softfuse.errors import RecordingError
-from softfuse.estimation.tracker import Tracked
+from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.contact_accuracy import NOWHERE
 from softfuse.experiment.posture import Posture
 from softfuse.hardware.recording import Recording, read_recording
@@ -37,6 +37,8 @@ def tracked(touching: list[bool], force: list[float], *statuses: Status) -> Trac
         np.full((2, 2), np.nan),
         np.array(force),
         np.diag([0.04, 0.09]),
+        np.zeros(2, int),
+        np.zeros((4, 4)),
         np.array([3.0, 1e5]),
         np.array([4e-3, 50.0]),
         np.ones(2),

@@ -16,7 +16,8 @@ from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.device import simulate
-from softfuse.estimation.tracker import Frame, Tracked, Tracker
+from softfuse.estimation.tracked import Frame, Tracked
+from softfuse.estimation.tracker import Tracker
 from softfuse.sensing.status import Status
 
 pytestmark = pytest.mark.slow

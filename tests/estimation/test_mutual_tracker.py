@@ -19,7 +19,8 @@ from softfuse.config.build_tracker import build_tracker
 from softfuse.equilibrium.dense import Dense
 from softfuse.equilibrium.solution import RESULTS
 from softfuse.estimation.device import Device, simulate
-from softfuse.estimation.tracker import Frame, Tracked, Tracker
+from softfuse.estimation.tracked import Frame, Tracked
+from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.mutual_field import Thing
 from softfuse.experiment.virtual_mutual import MutualBed
 from softfuse.sensing import d6f_p0001a1

@@ -14,7 +14,8 @@ import pytest
 
 from softfuse.config import load
 from softfuse.config.build_sensors import build_sensors
-from softfuse.estimation.tracker import Frame, Tracked, Tracker, TrackerSettings
+from softfuse.estimation.tracked import Frame, Tracked
+from softfuse.estimation.tracker import Tracker, TrackerSettings
 from softfuse.hardware.recording import read_recording
 from softfuse.sensing import d6f_p0001a1
 from softfuse.sensing.pad_senses import PadSenses

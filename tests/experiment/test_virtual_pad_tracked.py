@@ -16,7 +16,8 @@ from softfuse.config.device import DeviceConfig
 from softfuse.equilibrium.sparse import SparseLU
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
-from softfuse.estimation.tracker import Frame, Tracker
+from softfuse.estimation.tracked import Frame
+from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.pad_electrodes import LineElectrodes
 from softfuse.experiment.pad_field import FieldSettings

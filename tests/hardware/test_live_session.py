@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from softfuse.cli.live_display import besides_samples
-from softfuse.estimation.tracker import Tracked
+from softfuse.estimation.tracked import Tracked
 from softfuse.hardware.live.assembler import Assembled
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
@@ -51,7 +51,7 @@ class Follower:
         place, sure, covariance = (np.zeros((0, n)) for n in (3, 2, 0))
         tracked = Tracked(
             0.0,
-            *(nothing > 0, place, sure, nothing, covariance, *[nothing] * 4),
+            *(nothing > 0, place, sure, nothing, covariance, place, covariance, *[nothing] * 4),
             *(None, (Status.ok,), self.seconds),
         )
         return tracked, {"seen": self.sensed[-1]}

@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from softfuse.equilibrium.solution import State
-from softfuse.estimation.tracker import Frame, Tracked, Tracker
+from softfuse.estimation.tracked import Frame, Tracked
+from softfuse.estimation.tracker import Tracker
 from softfuse.hardware.live.assembler import Assembled
 
 Fields = Mapping[str, float | str | None]

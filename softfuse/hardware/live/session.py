@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from softfuse.estimation.tracker import Tracked
+from softfuse.estimation.tracked import Tracked
 from softfuse.hardware.live.assembler import Assembled
 from softfuse.hardware.live.follower import Fields, Follower
 from softfuse.hardware.live.frame_queue import FrameQueue

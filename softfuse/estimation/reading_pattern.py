@@ -1,0 +1,141 @@
+"""Where readings alone say that something presses: their pattern, compared with that of presses all over.
+
+A press with a small force F at a place p of a grid changes the readings by F w(p), w(p) = ∂s/∂F of the body
+at rest. Of readings y with errors of covariance L Lᵀ, the place where
+
+    χ²(p) = min over F ≥ 0 of |L⁻¹ (y − F w(p))|²
+
+is least explains them best. That is rough, as under larger forces patterns change, but it finds the region
+from which the estimate's own steps go on to the place itself, and tells of others that the readings do not
+rule out: presses there have a share of exp(−χ²/2) over that of all.
+"""
+
+import logging
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from softfuse.equilibrium.newton import tangent_at
+from softfuse.errors import SoftfuseError
+from softfuse.estimation.atlas import Atlas
+from softfuse.estimation.device import Device
+from softfuse.estimation.model_error import missed, whitening
+from softfuse.estimation.motion import motion
+
+log = logging.getLogger(__name__)
+
+_SIDE = 13
+"""Places of the grid along x and along y."""
+_CHANGED = 0.05
+"""Part of a reading by which the pattern at rest may be off that under a force."""
+_CLEARLY = 9.0
+"""By how much χ² has to be less elsewhere for the search to begin anew there."""
+
+
+@eqx.filter_jit
+def _slopes(device: Device, places: Float[jax.Array, "s 3"]) -> Float[jax.Array, "s k"]:
+    """∂s/∂F (s, k) [1/N] of one contact at each place, alone on the body at rest."""
+    first = places[:1]
+    inverse = tangent_at(device.linear, device.body, device.loads(first), device.rest_state(first))
+
+    def slope(place):
+        at = place[None]
+        moving = motion(device, inverse, device.rest_state(at), at, by_place=False, refinements=0)
+        return moving.derivative(device.reading)[1][:, 0]
+
+    return jax.lax.map(slope, places)
+
+
+def _slopes_on_charts(atlas: Atlas, places: Float[np.ndarray, "s 3"]) -> Float[np.ndarray, "s k"]:
+    """The same, each place on the chart of its region."""
+    each = []
+    for place in places:
+        number = atlas.regions.find(place)
+        device = atlas.full if number is None else atlas.chart(number).device
+        each.append(np.asarray(_slopes(device, jnp.asarray(place)[None]))[0])
+    return np.array(each)
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingPattern:
+    """Readings per newton `slope` (s, k) [SI/N] of presses at places (s, 2) m, `pitch_m` (2,) apart."""
+
+    place_m: Float[np.ndarray, "s 2"]
+    pitch_m: Float[np.ndarray, "2"]
+    slope: Float[np.ndarray, "s k"]
+
+    @classmethod
+    def of(
+        cls, device: Device | Atlas, workspace_m: Float[np.ndarray, "2 2"], side: int = _SIDE
+    ) -> "ReadingPattern":
+        """Of presses on a grid over a workspace of lowest and highest x, y (2, 2) m."""
+        low, high = workspace_m
+        x, y = np.meshgrid(*np.linspace(low, high, side).T, indexing="ij")
+        places = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+        pitch = (high - low) / (side - 1)
+        if isinstance(device, Atlas):
+            try:
+                return cls(places[:, :2], pitch, _slopes_on_charts(device, places))
+            except SoftfuseError as error:
+                log.warning("the full body is used: %s", error)
+        full = device.full if isinstance(device, Atlas) else device
+        return cls(places[:, :2], pitch, np.asarray(_slopes(full, jnp.asarray(places))))
+
+    def fitted(
+        self,
+        reading: Float[np.ndarray, " k"],
+        covariance: Float[np.ndarray, "k k"],
+        valid: Bool[np.ndarray, " k"],
+    ) -> "PatternFit":
+        """How well a press at each place explains valid readings (k,) of a covariance (k, k)."""
+        reading = np.where(valid, reading, 0.0)
+        white = whitening(covariance + np.diag(missed(reading, _CHANGED) ** 2), valid)
+        seen, slope = white @ reading, self.slope @ white.T
+        size = np.maximum(np.sum(slope**2, axis=1), np.finfo(float).tiny)
+        force = np.maximum(slope @ seen, 0.0) / size
+        return PatternFit(self.place_m, self.pitch_m, force, seen @ seen - force**2 * size)
+
+
+class Elsewhere(NamedTuple):
+    """What share [-] presses elsewhere have, and the mean squares of how far x, y (2,) [m²] and the force
+    [N²] of these are from the estimate.
+    """
+
+    share: float
+    place_m2: Float[np.ndarray, "2"]
+    force_N2: float
+
+
+@dataclass(frozen=True, eq=False)
+class PatternFit:
+    """The force (s,) [N] that explains readings best at each place (s, 2) m, `pitch_m` (2,) apart, and its χ²
+    (s,).
+    """
+
+    place_m: Float[np.ndarray, "s 2"]
+    pitch_m: Float[np.ndarray, "2"]
+    force_N: Float[np.ndarray, " s"]
+    missing: Float[np.ndarray, " s"]
+
+    def better(self, place_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"] | None:
+        """The best place (2,) m, None where it is not clearly better than another one (2,) m."""
+        here = np.argmin(np.sum((self.place_m - place_m) ** 2, axis=1))
+        best = np.argmin(self.missing)
+        return self.place_m[best] if self.missing[here] - self.missing[best] > _CLEARLY else None
+
+    def elsewhere(self, place_m: Float[np.ndarray, "2"], force_N: float) -> Elsewhere:
+        """Presses that explain the readings too, further than the grid's pitch from one at a place (2,) m
+        with a force [N].
+        """
+        off = self.place_m - place_m
+        away = np.any(np.abs(off) > self.pitch_m, axis=1)
+        part = np.exp(-0.5 * (self.missing - self.missing.min()))
+        part = np.where(away, part / part.sum(), 0.0)
+        share = part.sum()
+        part = part / max(share, np.finfo(float).tiny)
+        return Elsewhere(float(share), part @ off**2, float(part @ (self.force_N - force_N) ** 2))

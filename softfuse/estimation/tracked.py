@@ -1,0 +1,102 @@
+"""What a tracker is given and what it says, frame by frame."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from softfuse.sensing.status import Status
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One frame of readings: time [s] and groups of channels (n,) in the units of the device's senses.
+
+    NaN stands for what is missing.
+    """
+
+    time_s: float
+    readings: tuple[Float[np.ndarray, " n"], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """What one frame says of c contacts, k readings and what is attached.
+
+    `touching` (c,): what touches; `location_m` (c, 3): where on the body at rest, as contacts are seen and,
+    as far as that leaves open, as the readings tell, NaN where unknown; `location_sigma_m` (c, 2): standard
+    deviations of x and y, NaN where unknown; `contact_force_N` (c,): NaN where unknown, 0 where nothing
+    touches; `force_covariance_N2` (c, c): see `posterior_covariance`, NaN where the force is; `places` (c,
+    ...): where the device's contact was taken to press; `covariance` (m, m): of all drives in their units,
+    then of the x and y of places [m], if those are locations; `attached`
+    (a,): what the attached loads are driven with; `reading`, `sigma` (k,): measured; `misfit` (k,): measured
+    minus modelled, NaN without an estimate and where a reading took no part; `details`: the senses' own
+    measurement; `latency_s`: wall time of the frame.
+    """
+
+    time_s: float
+    touching: Bool[np.ndarray, " c"]
+    location_m: Float[np.ndarray, "c 3"]
+    location_sigma_m: Float[np.ndarray, "c 2"]
+    contact_force_N: Float[np.ndarray, " c"]
+    force_covariance_N2: Float[np.ndarray, "c c"]
+    places: np.ndarray
+    covariance: Float[np.ndarray, "m m"]
+    attached: Float[np.ndarray, " a"]
+    reading: Float[np.ndarray, " k"]
+    sigma: Float[np.ndarray, " k"]
+    misfit: Float[np.ndarray, " k"]
+    details: Any
+    statuses: tuple[Status, ...]
+    latency_s: float
+
+    @property
+    def contacts(self) -> int:
+        """How many touch."""
+        return int(self.touching.sum())
+
+    @property
+    def force_N(self) -> float:
+        """Sum of the contacts' forces [N]; NaN when one is unknown."""
+        return float(np.sum(self.contact_force_N))
+
+    @property
+    def contact_sigma_N(self) -> Float[np.ndarray, " c"]:
+        """Standard deviation (c,) of each contact's force [N]."""
+        return np.sqrt(np.diag(self.force_covariance_N2))
+
+    @property
+    def force_sigma_N(self) -> float:
+        """Standard deviation of the sum of the contacts' forces [N]; NaN when one is unknown."""
+        return float(np.sqrt(np.sum(self.force_covariance_N2)))
+
+    @property
+    def centre_m(self) -> Float[np.ndarray, "3"]:
+        """Force-weighted middle of the contacts (3,) [m]; their mean without forces, NaN without contacts."""
+        if not self.contacts:
+            return np.full(3, np.nan)
+        return self._shares[self._shares > 0] @ self.location_m[self._shares > 0]
+
+    @property
+    def _shares(self) -> Float[np.ndarray, " c"]:
+        """How much each contact counts for their middle (c,), in all 1 where there are some."""
+        force = np.where(self.touching, self.contact_force_N, 0.0)
+        weight = force if force.sum() > 0 else self.touching.astype(float)
+        return np.where(weight > 0, weight, 0.0) / max(weight[weight > 0].sum(), np.finfo(float).tiny)
+
+    @property
+    def centre_sigma_m(self) -> Float[np.ndarray, "2"]:
+        """Standard deviations (2,) of its x and y [m], of contacts that are located independently; NaN where
+        one is unknown.
+        """
+        share = self._shares[self._shares > 0]
+        if not self.contacts:
+            return np.full(2, np.nan)
+        return np.sqrt(share**2 @ self.location_sigma_m[self._shares > 0] ** 2)
+
+    @property
+    def residual(self) -> float:
+        """Root mean square misfit of the readings that took part; NaN without an estimate."""
+        known = self.misfit[np.isfinite(self.misfit)]
+        return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
