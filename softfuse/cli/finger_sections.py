@@ -127,7 +127,7 @@ def _shape(estimated: Estimated, series: FingerSeries, peak: Peak) -> Shape:
     true = series.truth.point_m
     return Shape(
         f"{frame.now.time_s:.2f} s: " + "; ".join(parts),
-        np.asarray(body.rest + body.displacement(peak.z)),
+        np.asarray(body.rest + body.displacement(peak.state.z)),
         frame.posture.point_m,
         None if true is None else true[peak.frame],
         frame.place_m[touched],

@@ -43,9 +43,9 @@ class FingerStudy(AbstractStudy):
         self._frames.append(frame)
         shorter = float(np.max(frame.posture.answers[: self._series.cables], initial=0.0))
         at = len(self._frames) - 1
-        self._touches.see(at, now.contacts > 0, now.force_N, state.z)
+        self._touches.see(at, now.contacts > 0, now.force_N, state)
         # A pull goes on while something touches, but its shape is that of the cable alone.
-        self._pulls.see(at, shorter > PULLED_M, 0.0 if now.contacts else shorter, state.z)
+        self._pulls.see(at, shorter > PULLED_M, 0.0 if now.contacts else shorter, state)
 
     def values(self, frame):
         """Read off the frame that was kept."""

@@ -35,7 +35,7 @@ class PadStudy(AbstractStudy):
     def see(self, now, state):
         """Remember what people read, and the shape when it may be the peak of a touch."""
         self._values.append(self._readout.read(now, state))
-        self._touches.see(len(self._all.found) - 1, now.contacts > 0, now.force_N, state.z)
+        self._touches.see(len(self._all.found) - 1, now.contacts > 0, now.force_N, state)
 
     def values(self, frame):
         """Kept with what was found."""
@@ -115,7 +115,7 @@ class PadStudy(AbstractStudy):
         peak = max(self.peaks, key=lambda peak: peak.size)
         row = self._all.found[peak.frame]
         mesh = self._all.mesh.mesh
-        displacement = np.asarray(self._all.device.body.displacement(peak.z))
+        displacement = np.asarray(self._all.device.body.displacement(peak.state.z))
         flat = figures.flat_triangles(outer_surface(mesh).faces)
         x, y = 1e3 * row.centre_m[:2]
         sensors = self._all.config.sensors
@@ -123,8 +123,10 @@ class PadStudy(AbstractStudy):
         lines = (1e3 * np.array(array.column_x), 1e3 * np.array(array.row_y))
         draw = signed_image if sensors.grid else figures.electrode_image
         image = draw(row.details.image, *lines)
+        sigma = 1e3 * self._all.shape_sigma_m(peak).max()
         caption = (
-            f"{row.force_N:.2f} N at ({x:.1f}, {y:.1f}) mm, {row.time_s:.2f} s. Each touch: shape_NN.vtu."
+            f"{row.force_N:.2f} N at ({x:.1f}, {y:.1f}) mm, {row.time_s:.2f} s; standard deviation of a node "
+            f"{sigma:.3f} mm at most. Each touch: shape_NN.vtu."
         )
         return picture(figures.deformed_shape(mesh.nodes, displacement, flat), caption) + picture(
             image, "Image of the electrodes in that frame."

@@ -10,7 +10,7 @@ import numpy as np
 
 from softfuse.cli.readout import Column
 from softfuse.cli.study import AbstractStudy, Estimated, known
-from softfuse.estimation.tracker import Tracked
+from softfuse.estimation.tracked import Tracked
 from softfuse.experiment import figures
 from softfuse.experiment.report import page, picture, spread_table, table
 from softfuse.mesh.files import write_mesh
@@ -54,12 +54,11 @@ class EstimateRows:
 
 
 def write_shapes(folder: Path, estimated: Estimated, study: AbstractStudy) -> None:
-    """The study's shapes as shape_NN.vtu."""
+    """The study's shapes as shape_NN.vtu, with how sure each node is."""
     for k, peak in enumerate(study.peaks):
-        displacement = np.asarray(estimated.device.body.displacement(peak.z))
-        write_mesh(
-            folder / f"shape_{k:02d}.vtu", estimated.mesh.mesh, point_data={"displacement": displacement}
-        )
+        displacement = np.asarray(estimated.device.body.displacement(peak.state.z))
+        moved = {"displacement": displacement, "displacement_sigma": estimated.shape_sigma_m(peak)}
+        write_mesh(folder / f"shape_{k:02d}.vtu", estimated.mesh.mesh, point_data=moved)
 
 
 def _timed(found: list[Tracked]) -> list[Tracked]:

@@ -9,16 +9,27 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import Any
 
-from jaxtyping import Array
+import numpy as np
+from jaxtyping import Float
 
 from softfuse.cli.readout import AbstractReadout, Value
 from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
 from softfuse.equilibrium.solution import State
 from softfuse.estimation.device import Device
-from softfuse.estimation.tracker import Tracked
+from softfuse.estimation.shape_spread import displacement_sigma
+from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.accuracy import Spread
 from softfuse.hardware.recording import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class Peak:
+    """A frame in which something was largest, how large, and the device's state then."""
+
+    frame: int
+    size: float
+    state: State
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +42,10 @@ class Estimated:
     recording: Recording
     found: list[Tracked] = field(default_factory=list)
 
-
-@dataclass(frozen=True, eq=False)
-class Peak:
-    """A frame in which something was largest, how large, and the body's unknowns z (n,) then."""
-
-    frame: int
-    size: float
-    z: Array
+    def shape_sigma_m(self, peak: Peak) -> Float[np.ndarray, "k 3"]:
+        """Standard deviations (k, 3) m of the nodes' displacements then."""
+        row = self.found[peak.frame]
+        return displacement_sigma(self.device, peak.state, row.places, row.covariance)
 
 
 class Peaks:
@@ -49,7 +56,7 @@ class Peaks:
         self.kept: list[Peak] = []
         self._within_run = False
 
-    def see(self, frame: int, going: bool, size: float, z: Array) -> None:
+    def see(self, frame: int, going: bool, size: float, state: State) -> None:
         """Look at the next frame, in which a run is `going` or not; without a positive size it only ends a
         run or lets it go on.
         """
@@ -57,9 +64,9 @@ class Peaks:
             self._within_run = False
         elif size > 0:
             if not self._within_run:
-                self.kept.append(Peak(frame, size, z))
+                self.kept.append(Peak(frame, size, state))
             elif size > self.kept[-1].size:
-                self.kept[-1] = Peak(frame, size, z)
+                self.kept[-1] = Peak(frame, size, state)
             self._within_run = True
 
 

@@ -17,7 +17,7 @@ from softfuse.cli.study import Estimated
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
-from softfuse.estimation.tracker import Tracked
+from softfuse.estimation.tracked import Tracked
 from softfuse.hardware.recording import read_recording
 from softfuse.sensing.status import Status
 
@@ -184,6 +184,8 @@ def test_shapes_of_the_pull_and_of_the_touch_are_kept(results: Path) -> None:
 
     shapes = [meshio.read(path) for path in sorted(results.glob("shape_*.vtu"))]
     assert len(shapes) == 2
+    sure = [shape.point_data["displacement_sigma"].max() for shape in shapes]
+    assert all(0 < each < 5e-3 for each in sure)
     largest = [np.linalg.norm(shape.point_data["displacement"], axis=1).max() for shape in shapes]
     assert min(largest) > 5e-3
 
@@ -235,6 +237,8 @@ def test_without_truth_there_is_no_evaluation(tmp_path: Path, coarse: Path) -> N
                 np.full((2, 2), np.nan),
                 nothing,
                 np.diag(nothing),
+                slots.electrode,
+                np.zeros((5, 5)),
                 np.zeros(7),
                 *readings,
                 details,
