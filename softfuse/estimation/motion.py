@@ -64,12 +64,14 @@ def motion(
     state: State,
     places: Array,
     *,
-    by_place: bool,
+    by_place: Bool[Array, ""] | bool,
     refinements: int,
     resistance: Float[Array, " n"] | None = None,
 ) -> Motion:
     """The motion of a state under contacts at places (c, ...), with drives and, where asked for, `by_place`,
     with K⁻¹ as the map `inverse`, refined up to `refinements` times. `resistance` (n,): r(z), where known.
+
+    Where `by_place` is an array, motions with places are there in any case, all 0 where it is false.
     """
     body, loads = device.body, device.loads(places)
     linear = linearise(body, loads, inverse, state, resistance)
@@ -96,8 +98,13 @@ def motion(
     corrected = linear.step(settled.force)
     alone = jnp.zeros((body.n, 1 + drives)).at[:, 0].set(corrected)
     load_of, law_of = jnp.zeros((body.n, drives)), -slope.drive
-    if by_place:
-        push, law = _by_place(device, places, linear, State(state.z + corrected, *x, state.drive))
+    if by_place is not False:
+        there = State(state.z + corrected, *x, state.drive)
+        push, law = jax.lax.cond(
+            by_place,
+            lambda: _by_place(device, places, linear, there),
+            lambda: (jnp.zeros((body.n, 2 * len(places))), jnp.zeros((len(unmet), 2 * len(places)))),
+        )
         alone = jnp.concatenate([alone, inverse(push)], axis=1)
         load_of, law_of = (jnp.concatenate(both, axis=1) for both in ((load_of, push), (law_of, law)))
     dz, dx = system.respond(alone, jnp.concatenate([unmet, law_of], axis=1))

@@ -64,6 +64,11 @@ class PlaceSearch:
         self._fit: PatternFit | None = None
 
     @property
+    def sought(self) -> bool:
+        """Whether readings tell a place in this frame."""
+        return bool(self._sought.sought.any())
+
+    @property
     def bounded(self) -> bool:
         """Whether the workspace has an end."""
         return bool(np.isfinite(self._workspace).all())
@@ -93,11 +98,14 @@ class PlaceSearch:
         """Another frame, in which readings (k,) of a covariance (k, k) tell places of the contacts (c,) that
         are `told`, with forces (c,) N before. Whether one is begun anew, as if nothing had pressed.
         """
+        self._fit = None
+        if not (self.sought or told.any()):
+            return False
         places, pressing = np.asarray(sensed.places), np.asarray(sensed.pressing)
         seen, known = _all_known(sensed.location_m), _all_known(sensed.location_sigma_m)
         low, high = self._room(sensed)
         sought = pressing & told & known
-        self._sought, self._fit = self._sought.next(sought, seen, force_N, (low, high)), None
+        self._sought = self._sought.next(sought, seen, force_N, (low, high))
         # The pattern is that of one press in a workspace.
         if pressing.sum() != 1 or not unseen(sensed).any() or not self.bounded:
             return False

@@ -151,7 +151,7 @@ def advance(
         inverse,
         state,
         seen.places,
-        by_place=prior is not None,
+        by_place=False if prior is None else jnp.any(prior.spread != 0),
         refinements=refinements,
         resistance=resistance,
     )

@@ -198,7 +198,7 @@ class Tracker:
         allowed[: self._split] = self._of_contacts(np.asarray(sensed.pressing))
         limits = self._limits._replace(upper=np.where(allowed, self._upper, 0.0))
         search, places, prior = self._search, np.asarray(sensed.places), None
-        if search is not None:
+        if search is not None and search.sought:
             places = search.taken(sensed)
         uncertain = self._model_error(sensed).covariance(
             np.where(valid, reading, 0.0), np.asarray(sensed.sigma), places, self._force_N
@@ -206,7 +206,8 @@ class Tracker:
         if search is not None:
             if search.seek(sensed, self._told(sensed), self._force_N, reading, uncertain):
                 self.estimator.reset()
-            places, prior = search.taken(sensed), search.prior(sensed)
+            if search.sought:
+                places, prior = search.taken(sensed), search.prior(sensed)
         seen = Observation.on_host(reading, whitening(uncertain, valid), places, prior)
         found = self.estimator.update(seen, limits)
         if found.lost:
@@ -227,8 +228,9 @@ class Tracker:
         misfit = np.where(valid, found.misfit, np.nan)
         doubts = self._doubts(sensed, np.sqrt(np.diag(uncertain)), found, misfit)
         covariance, placed = posterior_covariance(found, limits), as_seen(sensed)
+        drives = len(self._upper)
         if search is not None and prior is not None:
-            drives, spread = len(self._upper), np.asarray(prior.spread)
+            spread = np.asarray(prior.spread)
             scale = np.eye(len(covariance))
             scale[drives:, drives:] = spread
             covariance = scale @ covariance @ scale.T
@@ -236,8 +238,12 @@ class Tracker:
             told = covariance[drives:, drives:]
             placed = search.found(sensed, np.asarray(found.report.offset), told, force)
             places = search.taken(sensed)
+        if search is not None:
             # Places that the readings did not tell are as sure as they were seen.
-            np.fill_diagonal(told, np.where(np.diag(spread) > 0, np.diag(told), placed.variance_m2))
+            told = np.diagonal(covariance)[drives:]
+            unmoved = np.ones(told.shape, bool) if prior is None else np.diag(prior.spread) == 0
+            at = drives + np.flatnonzero(unmoved)
+            covariance[at, at] = placed.variance_m2[unmoved]
         return _Estimated(found.drive, covariance, places, placed, misfit, doubts)
 
     def _nothing(self, sensed: Sensed) -> _Estimated:
