@@ -11,9 +11,10 @@ import typer
 from jaxtyping import Bool
 
 from softfuse.cli.finger_study import FingerStudy
+from softfuse.cli.joined import Joined
 from softfuse.cli.pad_study import PadStudy
 from softfuse.cli.recorded import sensor_columns, sensor_frames
-from softfuse.cli.recording_report import EstimateRows, summary, write_report, write_shapes
+from softfuse.cli.recording_report import EstimateRows, all_errors, summary, write_report, write_shapes
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated
 from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
 from softfuse.config import load
@@ -30,7 +31,9 @@ from softfuse.hardware.recording import Recording, read_recording
 def estimate(
     config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
     recording: Annotated[Path, typer.Argument(help="Recording of its sensors (.csv or .csv.gz).")],
-    out: Annotated[Path, typer.Option(help="Folder for estimates.csv, summary.json and report.html.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder for estimates.csv, joined.csv, summary.json and report.html.")
+    ],
     charts: Charts = None,
     every: Annotated[
         int, typer.Option(help="Estimate every so many frames only, and samples with truth.", min=1)
@@ -51,13 +54,16 @@ def estimate(
         tracker = build_tracker(settings, with_charts(settings, device, charts))
     frames = tracked(sensor_frames(settings, whole), "estimating", total=len(whole.time_s), quiet=quiet)
     follow(tracker, frames, part, estimated, study, out / "estimates.csv")
+    joined = Joined.of(tracker, estimated.found, [cavity.name for cavity in settings.cavities])
+    if joined is not None:
+        joined.write(out / "joined.csv")
     write_shapes(out, estimated, study)
-    numbers = summary(estimated, study) | {"compile_s": tracker.compile_s}
+    numbers = summary(estimated, study, joined) | {"compile_s": tracker.compile_s}
     (out / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
     with busy("writing the report", quiet=quiet):
-        write_report(out / "report.html", estimated, study, numbers)
+        write_report(out / "report.html", estimated, study, joined, numbers)
     if not quiet:
-        _tell(numbers, study.errors, out)
+        _tell(numbers, all_errors(study, joined), out)
 
 
 @dataclass(frozen=True, eq=False)

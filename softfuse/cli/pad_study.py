@@ -65,6 +65,23 @@ class PadStudy(AbstractStudy):
             ErrorTable("force_error_percent", "Table II: force error", "force error", "%", force),
         ]
 
+    def joined_errors(self, joined):
+        """Table II of the frames up to each, and of all frames of its touch."""
+        samples = self.samples
+        if samples is None:
+            return []
+        of = joined.samples(samples, sample_frames(self._all.recording))
+        return [
+            ErrorTable(
+                f"{name}_force_error_percent",
+                f"Table II of {name} frames: force error",
+                f"force error, {name} frames",
+                "%",
+                scaled(force_table(each), 100.0),
+            )
+            for name, each in of.items()
+        ]
+
     def numbers(self) -> dict[str, Any]:
         """How many samples there are, if any."""
         samples = self.samples

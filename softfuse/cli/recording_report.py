@@ -8,8 +8,9 @@ from typing import Any, TextIO
 
 import numpy as np
 
+from softfuse.cli.joined import Joined
 from softfuse.cli.readout import Column
-from softfuse.cli.study import AbstractStudy, Estimated, known
+from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, known
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment import figures
 from softfuse.experiment.report import page, picture, spread_table, table
@@ -66,7 +67,12 @@ def _timed(found: list[Tracked]) -> list[Tracked]:
     return [row for row in found if row.contacts or row.attached.size]
 
 
-def summary(estimated: Estimated, study: AbstractStudy) -> dict[str, Any]:
+def all_errors(study: AbstractStudy, joined: Joined | None) -> list[ErrorTable]:
+    """Errors of single frames, then those of joined ones, if there are such."""
+    return [*study.errors, *([] if joined is None else study.joined_errors(joined))]
+
+
+def summary(estimated: Estimated, study: AbstractStudy, joined: Joined | None) -> dict[str, Any]:
     """The numbers of summary.json: counts, latency [ms], and with truth the errors."""
     found = estimated.found
     latency = 1e3 * np.array([row.latency_s for row in _timed(found)])
@@ -89,17 +95,23 @@ def summary(estimated: Estimated, study: AbstractStudy) -> dict[str, Any]:
                 name: asdict(spread) | {"mean": known(spread.mean), "std": known(spread.std)}
                 for name, spread in errors.groups.items()
             }
-            for errors in study.errors
+            for errors in all_errors(study, joined)
         },
         **study.numbers(),
+        "joined": joined and joined.numbers(found, estimated.recording.columns.get("true_force_N")),
     }
 
 
-def write_report(path: Path, estimated: Estimated, study: AbstractStudy, numbers: dict[str, Any]) -> None:
+def write_report(
+    path: Path, estimated: Estimated, study: AbstractStudy, joined: Joined | None, numbers: dict[str, Any]
+) -> None:
     """Write report.html."""
     sections = [("Recording", _overview(numbers))]
-    sections += [(errors.title, spread_table(errors.unit, errors.groups)) for errors in study.errors]
+    tables = all_errors(study, joined)
+    sections += [(errors.title, spread_table(errors.unit, errors.groups)) for errors in tables]
     sections += study.sections()
+    if joined is not None:
+        sections.append(("Joined frames", joined.section(numbers["joined"])))
     timed = _timed(estimated.found)
     if timed:
         latency = np.array([1e3 * row.latency_s for row in timed])

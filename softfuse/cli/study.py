@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from softfuse.cli.joined import Joined
 from softfuse.cli.readout import AbstractReadout, Value
 from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
@@ -109,6 +110,11 @@ class AbstractStudy(ABC):
     @abstractmethod
     def errors(self) -> list[ErrorTable]:
         """Errors against truth; none where the recording does not hold it."""
+
+    def joined_errors(self, joined: Joined) -> list[ErrorTable]:
+        """Errors against truth of joined frames; none where it has no such."""
+        del joined
+        return []
 
     @abstractmethod
     def numbers(self) -> dict[str, Any]:

@@ -47,6 +47,21 @@ class ModelError:
             covariance += self.spread.covariance(places, force_N)
         return covariance
 
+    def lasting(
+        self,
+        reading: Float[np.ndarray, " k"],
+        sigma: Float[np.ndarray, " k"],
+        places: np.ndarray,
+        force_N: Float[np.ndarray, " c"],
+    ) -> Float[np.ndarray, "k k"]:
+        """Covariance (k, k) of what does not change while the contacts stay, without the sensors' noise;
+        arguments as those of `covariance`. Of a model about whose errors nothing is known, a tenth of the
+        largest reading, in standard deviations, whichever it is of: so readings weigh as they do in a frame.
+        """
+        if self.part == 0 and self.spread is None:
+            return np.diag((AS_DRAWN.part * np.max(np.abs(reading) / sigma, initial=0.0) * sigma) ** 2)
+        return self.covariance(reading, np.zeros_like(sigma), places, force_N)
+
 
 AS_DRAWN = ModelError(part=0.1, alike=0.2)
 """Of a model that has not been compared with presses: silicones of one name differ more, but who makes a

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from softfuse.sensing.reading_drift import ReadingDrift
 from softfuse.sensing.status import Status
 
 
@@ -21,6 +22,24 @@ class Frame:
 
 
 @dataclass(frozen=True, eq=False)
+class Evidence:
+    """What the readings of one frame say of the drives, whatever was known before: those are off by `misfit`
+    from drives u₀ on, y − s(u₀) = W (u − u₀) + error.
+
+    `misfit` (k,) in SI, NaN where a reading took no part; `drive` u₀ (D,); `compliance` W (k, D); `acting`
+    (D,): drives that may be other than 0; `model` (k, k): covariance of the model's error; `drift`: what
+    readings drift by, None where they do not.
+    """
+
+    misfit: Float[np.ndarray, " k"]
+    drive: Float[np.ndarray, " D"]
+    compliance: Float[np.ndarray, "k D"]
+    acting: Bool[np.ndarray, " D"]
+    model: Float[np.ndarray, "k k"]
+    drift: ReadingDrift | None
+
+
+@dataclass(frozen=True, eq=False)
 class Tracked:
     """What one frame says of c contacts, k readings and what is attached.
 
@@ -31,8 +50,9 @@ class Tracked:
     ...): where the device's contact was taken to press; `covariance` (m, m): of all drives in their units,
     then of the x and y of places [m], if those are locations; `attached`
     (a,): what the attached loads are driven with; `reading`, `sigma` (k,): measured; `misfit` (k,): measured
-    minus modelled, NaN without an estimate and where a reading took no part; `details`: the senses' own
-    measurement; `latency_s`: wall time of the frame.
+    minus modelled, NaN without an estimate and where a reading took no part; `evidence`: for who joins
+    frames, None where the state was lost; `details`: the senses' own measurement; `latency_s`: wall time of
+    the frame.
     """
 
     time_s: float
@@ -47,6 +67,7 @@ class Tracked:
     reading: Float[np.ndarray, " k"]
     sigma: Float[np.ndarray, " k"]
     misfit: Float[np.ndarray, " k"]
+    evidence: Evidence | None
     details: Any
     statuses: tuple[Status, ...]
     latency_s: float

@@ -26,7 +26,7 @@ from softfuse.estimation.model_offset import ModelOffset
 from softfuse.estimation.place_search import Placed, PlaceSearch, as_seen, unseen
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation
-from softfuse.estimation.tracked import Frame, Tracked
+from softfuse.estimation.tracked import Evidence, Frame, Tracked
 from softfuse.sensing.senses import AbstractSenses, Sensed
 from softfuse.sensing.status import Status
 
@@ -49,7 +49,7 @@ class TrackerSettings:
 
 class _Estimated(NamedTuple):
     """Drives (D,), covariance (m, m) of these and of places, where contacts press and are, measured minus
-    modelled readings (k,), and what is doubted.
+    modelled readings (k,), what these say by themselves, and what is doubted.
     """
 
     drive: Float[np.ndarray, " D"]
@@ -57,6 +57,7 @@ class _Estimated(NamedTuple):
     places: np.ndarray
     placed: Placed
     misfit: Float[np.ndarray, " k"]
+    evidence: Evidence | None
     doubts: list[Status]
 
 
@@ -114,12 +115,19 @@ class Tracker:
         self.compile_s = time.perf_counter() - started
         self._limits, self._upper = limits, np.asarray(limits.upper)
         self._split = places.shape[0] * device.contact.drives
-        # A contact's forces together: the sum over its drives.
-        self._adding = np.kron(np.eye(places.shape[0]), np.ones(device.contact.drives))
+        self.adding = np.kron(np.eye(places.shape[0]), np.ones(device.contact.drives))
+        """(c, F): a contact's forces together, the sum over its drives, which are the first F."""
+        self.drift = senses.drift
+        """How readings drift while something presses; None where they do not."""
         free = self._upper[self._split :] > np.asarray(limits.lower)[self._split :]
         gauges = np.array(device.gauges, int)
         self._strokes = device.readings - len(gauges) + np.flatnonzero(free[gauges])
         self.reset()
+
+    @property
+    def range(self) -> Float[np.ndarray, " D"]:
+        """How far drives (D,) may go, in their units."""
+        return self._upper - np.asarray(self._limits.lower)
 
     @property
     def state(self) -> State:
@@ -131,7 +139,7 @@ class Tracker:
         self._senses.reset()
         self._stroke, self._seen_s, self._begun_s = 0.0, -np.inf, np.inf
         self._offset = ModelOffset.none(self.estimator.device.readings)
-        self._force_N = np.zeros(len(self._adding))
+        self._force_N = np.zeros(len(self.adding))
         if self._search is not None:
             self._search.reset()
         self.estimator.reset()
@@ -168,8 +176,8 @@ class Tracker:
             said += found.doubts
         elif not sensed.touching.any():
             self.estimator.reset()
-        force = self._adding @ found.drive[: self._split]
-        covariance = self._adding @ found.covariance[: self._split, : self._split] @ self._adding.T
+        force = self.adding @ found.drive[: self._split]
+        covariance = self.adding @ found.covariance[: self._split, : self._split] @ self.adding.T
         covariance = covariance + np.diag(found.placed.elsewhere_N2)
         unknown = np.asarray(sensed.touching & ~sensed.pressing)
         self._force_N = np.nan_to_num(force)
@@ -186,6 +194,7 @@ class Tracker:
             np.asarray(sensed.reading),
             np.asarray(sensed.sigma),
             found.misfit,
+            found.evidence,
             sensed.details,
             tuple(said) or (Status.ok,),
             time.perf_counter() - started,
@@ -217,7 +226,7 @@ class Tracker:
             drive = np.where(unknown, np.nan, np.where(allowed, found.drive, 0.0))
             nothing = np.where(unknown[:, None] | unknown, np.nan, 0.0)
             lost = self._nothing(sensed)
-            return lost._replace(drive=drive, covariance=nothing, doubts=[Status.inverted])
+            return lost._replace(drive=drive, covariance=nothing, evidence=None, doubts=[Status.inverted])
         self._stroke = float(np.linalg.norm((reading - found.misfit)[self._strokes]))
         elapsed = time_s - self._seen_s
         if elapsed > 0:  # not where the time is missing or does not increase
@@ -234,7 +243,7 @@ class Tracker:
             scale = np.eye(len(covariance))
             scale[drives:, drives:] = spread
             covariance = scale @ covariance @ scale.T
-            force = self._adding @ found.drive[: self._split]
+            force = self.adding @ found.drive[: self._split]
             told = covariance[drives:, drives:]
             placed = search.found(sensed, np.asarray(found.report.offset), told, force)
             places = search.taken(sensed)
@@ -244,14 +253,34 @@ class Tracker:
             unmoved = np.ones(told.shape, bool) if prior is None else np.diag(prior.spread) == 0
             at = drives + np.flatnonzero(unmoved)
             covariance[at, at] = placed.variance_m2[unmoved]
-        return _Estimated(found.drive, covariance, places, placed, misfit, doubts)
+        evidence = Evidence(
+            misfit,
+            found.drive,
+            np.asarray(found.report.compliance),
+            np.asarray(limits.upper > limits.lower),
+            self.settings.model_error.lasting(
+                np.where(valid, reading, 0.0), np.asarray(sensed.sigma), places, self._force_N
+            ),
+            sensed.drift,
+        )
+        return _Estimated(found.drive, covariance, places, placed, misfit, evidence, doubts)
 
     def _nothing(self, sensed: Sensed) -> _Estimated:
         """Nothing that presses."""
         drives = len(self._upper)
         unexplained = np.full(np.shape(sensed.reading), np.nan)
         places, still = np.asarray(sensed.places), np.zeros((drives, drives))
-        return _Estimated(np.zeros(drives), still, places, as_seen(sensed), unexplained, [])
+        reading = np.where(sensed.valid, sensed.reading, np.nan)
+        readings = len(reading)
+        evidence = Evidence(
+            reading,
+            np.zeros(drives),
+            np.zeros((readings, drives)),
+            np.zeros(drives, bool),
+            np.zeros((readings, readings)),
+            sensed.drift,
+        )
+        return _Estimated(np.zeros(drives), still, places, as_seen(sensed), unexplained, evidence, [])
 
     def _model_error(self, sensed: Sensed) -> ModelError:
         """By how much the model may be wrong; where only readings tell of a contact, never by nothing."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int
 
-from softfuse.experiment.accuracy import WORKSPACE_CIRCLE_M, Samples
+from softfuse.experiment.accuracy import NINETY, WORKSPACE_CIRCLE_M, Samples
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -69,6 +69,25 @@ def volumes_over_time(
     axes = figure.subplots()
     measured_and_modelled(axes, time_s, measured_mm3, misfit_mm3, [f"cavity {name}" for name in names])
     axes.set(xlabel="time [s]", ylabel="volume change [mm³]")
+    axes.legend(loc="lower right", ncols=2, fontsize="small")
+    axes.grid(alpha=0.3)
+    return figure
+
+
+def drift_over_time(
+    time_s: Float[np.ndarray, " n"],
+    drift_mm3: Float[np.ndarray, "n k"],
+    sigma_mm3: Float[np.ndarray, "n k"],
+    names: Sequence[str],
+) -> "Figure":
+    """What k volumes drift by over time, with bands that hold 90 %."""
+    figure = blank(9, 2.8)
+    axes = figure.subplots()
+    for k, name in enumerate(names):
+        axes.plot(time_s, drift_mm3[:, k], lw=1, color=colour(k), label=f"cavity {name}")
+        low, high = (drift_mm3[:, k] + side * NINETY * sigma_mm3[:, k] for side in (-1, 1))
+        axes.fill_between(time_s, low, high, color=colour(k), alpha=0.2, lw=0)
+    axes.set(xlabel="time [s]", ylabel="drift [mm³]")
     axes.legend(loc="lower right", ncols=2, fontsize="small")
     axes.grid(alpha=0.3)
     return figure

@@ -21,6 +21,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from softfuse.sensing.reading_drift import DriftModel, ReadingDrift
 from softfuse.sensing.zero_drift import (
     ZeroDrift,
     ZeroEstimate,
@@ -99,6 +100,8 @@ class FlowReading(eqx.Module):
     """(k,) no reading in this frame."""
     zero_V: Float[Array, " k"]
     """(k,) predicted zero now [V]."""
+    drift: ReadingDrift
+    """What the volume change is off by, if no flow was lost."""
 
 
 def d6f_p0001a1(
@@ -146,6 +149,11 @@ def d6f_p0001a1(
         lost_tolerance_s=jnp.asarray(lost_tolerance_s, float),
         lag=lag,
     )
+
+
+def flow_drift(sensor: FlowSensor) -> DriftModel:
+    """How volume changes (k,) [m³] drift: a volt second too much is so much volume too little."""
+    return DriftModel(sensor.drift, -1.0 / sensor.sensitivity_Vs_m3)
 
 
 def flow_init(sensor: FlowSensor) -> FlowState:
@@ -313,4 +321,5 @@ def flow_update(
         saturated=state.saturated | jnp.any(state.lag_saturated, axis=0),
         missing=missing,
         zero_V=zero,
+        drift=ReadingDrift(ahead.covariance, state.calm_s > 0.0),
     )

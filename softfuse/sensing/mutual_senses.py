@@ -10,7 +10,15 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from softfuse.sensing.flow import FlowReading, FlowSensor, FlowState, flow_init, flow_update, squeeze_evidence
+from softfuse.sensing.flow import (
+    FlowReading,
+    FlowSensor,
+    FlowState,
+    flow_drift,
+    flow_init,
+    flow_update,
+    squeeze_evidence,
+)
 from softfuse.sensing.frame_time import frame_step
 from softfuse.sensing.mutual import MutualGrid, MutualReading, MutualState, mutual_init, mutual_update
 from softfuse.sensing.senses import AbstractSenses, Sensed
@@ -60,6 +68,11 @@ class MutualSenses(AbstractSenses):
         """Cavities, cells."""
         model = self.grid.model
         return self.flow.zero_V.shape[0], model.column_x_m.shape[0] * model.row_y_m.shape[0]
+
+    @property
+    def drift(self):
+        """That of the flow sensors' zero."""
+        return flow_drift(self.flow)
 
     def init(self):
         """State before the first frame; the pad is taken to be untouched.
@@ -117,6 +130,7 @@ class MutualSenses(AbstractSenses):
             location_sigma_m=jnp.where(located[:, None], tracks.place_sigma_m[slots.electrode], jnp.nan),
             flags=flags,
             details=MutualMeasurement(flow, grid, slots),
+            drift=flow.drift,
         )
 
     def _lost(

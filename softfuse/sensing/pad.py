@@ -41,6 +41,7 @@ from softfuse.sensing.flow import (
 from softfuse.sensing.frame_time import frame_step
 from softfuse.sensing.peak_follow import PeakTrack, follow_peak, no_peak
 from softfuse.sensing.peak_model import PeakModel
+from softfuse.sensing.reading_drift import ReadingDrift
 from softfuse.sensing.touch import TouchDetector, TouchState, touch_init, touch_strength, touch_update
 
 
@@ -86,6 +87,8 @@ class PadMeasurement(eqx.Module):
     """(k,) no reading in this frame."""
     flow_m3_s: Float[Array, " k"]
     """(k,) flow out of the cavities [m^3/s]."""
+    drift: ReadingDrift
+    """What the volume change drifts by."""
     near: Bool[Array, ""]
     """Something is near or touches."""
     touching: Bool[Array, ""]
@@ -181,6 +184,7 @@ def pad_sensor_update(
         flow_saturated=flow.saturated,
         flow_missing=flow.missing,
         flow_m3_s=flow.flow_m3_s,
+        drift=flow.drift,
         near=touch.near,
         touching=touching,
         felt=felt.felt,

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from softfuse.sensing.array_pose import ArrayPose
+from softfuse.sensing.flow import flow_drift
 from softfuse.sensing.pad import PadMeasurement, PadSensors, pad_sensor_init, pad_sensor_update
 from softfuse.sensing.senses import AbstractSenses, Sensed
 from softfuse.sensing.status import Status
@@ -45,6 +46,11 @@ class PadSenses(AbstractSenses):
     def misses(self):
         """What does not conduct is not seen."""
         return True
+
+    @property
+    def drift(self):
+        """That of the flow sensors' zero."""
+        return flow_drift(self.sensors.flow)
 
     def init(self):
         """State before the first frame; the pad is taken to be untouched."""
@@ -88,4 +94,5 @@ class PadSenses(AbstractSenses):
             location_sigma_m=jnp.where(seen.felt, anywhere, jnp.where(located, deviation, jnp.nan))[None],
             flags=flags,
             details=seen,
+            drift=seen.drift,
         )

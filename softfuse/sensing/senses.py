@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 from jaxtyping import Array, Bool, Float
 
+from softfuse.sensing.reading_drift import DriftModel, ReadingDrift
 from softfuse.sensing.status import Status
 
 
@@ -34,6 +35,8 @@ class Sensed(NamedTuple):
     """What is to be said about the frame, and whether it is."""
     details: Any
     """The measurement of the device's own sensors."""
+    drift: ReadingDrift | None = None
+    """What the readings drift by; None where `AbstractSenses.drift` is."""
 
 
 class AbstractSenses(eqx.Module):
@@ -48,6 +51,11 @@ class AbstractSenses(eqx.Module):
     def misses(self) -> bool:
         """Whether a contact may press that is seen nowhere, so that only readings tell its place."""
         return False
+
+    @property
+    def drift(self) -> DriftModel | None:
+        """How readings drift while something presses; None where they do not."""
+        return None
 
     @abstractmethod
     def init(self) -> Any:

@@ -57,13 +57,13 @@ def zero_prior(model: ZeroDrift, nominal_V: Float[Array, " k"]) -> ZeroEstimate:
     )
 
 
-def predict_zero(
-    model: ZeroDrift, estimate: ZeroEstimate, dt_s: Float[Array, ""], samples: Float[Array, ""]
-) -> tuple[ZeroEstimate, Float[Array, " k"]]:
-    """Advance by dt_s and integrate the predicted zero.
+def zero_transition(
+    model: ZeroDrift, dt_s: Float[Array, ""], samples: Float[Array, ""]
+) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
+    """How (bias [V], wander [V], integral's error [V s]) go on over dt_s.
 
     Args: dt_s [s], >= 0; samples: number of readings in that time, whose white noise the integral takes up.
-    Returns: the estimate dt_s later and the integral (k,) of the predicted zero over dt_s [V s].
+    Returns: the transition (3, 3), and the covariance (3, 3) of what comes to them by chance.
     """
     decay = jnp.exp(-dt_s / model.wander_time_s)
     reach = model.wander_time_s * (1.0 - decay)
@@ -92,12 +92,23 @@ def predict_zero(
     noise = jnp.stack(
         [jnp.stack([bb, zero, be]), jnp.stack([zero, ww, we]), jnp.stack([be, we, ee])],
     )
+    return transition, noise
+
+
+def predict_zero(
+    model: ZeroDrift, estimate: ZeroEstimate, dt_s: Float[Array, ""], samples: Float[Array, ""]
+) -> tuple[ZeroEstimate, Float[Array, " k"]]:
+    """Advance by dt_s and integrate the predicted zero; arguments as those of `zero_transition`.
+
+    Returns: the estimate dt_s later and the integral (k,) of the predicted zero over dt_s [V s].
+    """
+    transition, noise = zero_transition(model, dt_s, samples)
     later = ZeroEstimate(
         bias_V=estimate.bias_V,
-        wander_V=estimate.wander_V * decay,
+        wander_V=transition[1, 1] * estimate.wander_V,
         covariance=transition @ estimate.covariance @ transition.T + noise,
     )
-    return later, estimate.bias_V * dt_s + estimate.wander_V * reach
+    return later, transition[2, 0] * estimate.bias_V + transition[2, 1] * estimate.wander_V
 
 
 def observe_zero(

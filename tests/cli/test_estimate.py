@@ -68,6 +68,26 @@ def test_every_frame_has_a_row_with_the_agreed_columns(rows: list[dict[str, str]
     assert all(row["status"] and float(row["latency_ms"]) > 0 for row in rows)
 
 
+def test_frames_are_joined(results: Path, rows: list[dict[str, str]]) -> None:
+    with (results / "joined.csv").open(newline="") as stream:
+        joined = list(csv.DictReader(stream))
+    assert [each["time_s"] for each in joined] == [row["time_s"] for row in rows]
+    what = ["force_N", "force_sigma_N", "x_mm", "y_mm", "x_sigma_mm", "y_sigma_mm"]
+    drifts = [f"drift{k}_{each}" for k in range(4) for each in ("mm3", "sigma_mm3")]
+    assert list(joined[0]) == ["time_s", *what, *(f"smoothed_{each}" for each in what), *drifts, "outliers"]
+    for row, each in zip(rows, joined, strict=True):
+        if row["contacts"] == "0":
+            assert float(each["force_N"]) == 0.0
+        elif row["status"] == "electrode lost":
+            # Of a model of which nothing is known a press is off by some percent.
+            assert float(each["force_N"]) == pytest.approx(float(row["force_N"]), rel=0.15, abs=0.1)
+            assert float(each["x_mm"]) == pytest.approx(float(row["x_mm"]), abs=0.3)
+    numbers = json.loads((results / "summary.json").read_text())
+    off = numbers["joined"]["force_rms_N"]
+    assert off["joined"] < 1.2 * off["frame_by_frame"] and off["smoothed"] < 1.2 * off["frame_by_frame"]
+    assert numbers["joined"]["place_outliers"] == 0
+
+
 def test_a_press_is_found_where_and_when_it_is(rows: list[dict[str, str]], faulty: Path) -> None:
     with faulty.open(newline="") as stream:
         truth = list(csv.DictReader(stream))

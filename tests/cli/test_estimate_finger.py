@@ -241,15 +241,16 @@ def test_without_truth_there_is_no_evaluation(tmp_path: Path, coarse: Path) -> N
                 np.zeros((5, 5)),
                 np.zeros(7),
                 *readings,
+                None,
                 details,
                 (Status.no_contact,),
                 0.01,
             )
         )
         study.see(estimated.found[-1], device.rest_state(jnp.zeros(2, int)))
-    numbers = summary(estimated, study)
+    numbers = summary(estimated, study, None)
     assert not {"position_error_mm", "force_error_percent", "phantom_force_N", "samples"} & set(numbers)
-    write_report(tmp_path / "report.html", estimated, study, numbers)
+    write_report(tmp_path / "report.html", estimated, study, None, numbers)
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Table III" not in text and "<h2>Points</h2>" in text
     # Nothing has touched and nothing was pulled: there is no shape to keep, and no number to be guessed.

@@ -43,6 +43,7 @@ def tracked(touching: list[bool], force: list[float], *statuses: Status) -> Trac
         np.array([4e-3, 50.0]),
         np.ones(2),
         np.array([0.0, 2.0]),
+        None,
         details,
         statuses or (Status.ok,),
         0.1,

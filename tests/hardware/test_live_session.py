@@ -52,7 +52,7 @@ class Follower:
         tracked = Tracked(
             0.0,
             *(nothing > 0, place, sure, nothing, covariance, place, covariance, *[nothing] * 4),
-            *(None, (Status.ok,), self.seconds),
+            *(None, None, (Status.ok,), self.seconds),
         )
         return tracked, {"seen": self.sensed[-1]}
 

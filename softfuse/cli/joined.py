@@ -1,0 +1,122 @@
+"""What the frames of a recording say together: joined.csv, and its errors beside those of single frames."""
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from softfuse.cli.readout import Column
+from softfuse.estimation.tracked import Tracked
+from softfuse.estimation.tracker import Tracker
+from softfuse.experiment import figures
+from softfuse.experiment.accuracy import Samples
+from softfuse.experiment.report import picture, table
+from softfuse.fusion.fusion import Fused, Fusion, fused_recording
+
+_TIME = Column("time_s", 4)
+_OF_CONTACT = (
+    *(("force_N", 4), ("force_sigma_N", 4)),
+    *(("x_mm", 3), ("y_mm", 3), ("x_sigma_mm", 3), ("y_sigma_mm", 3)),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Joined:
+    """Of each frame what those up to it say, and what all frames of its touch do, of cavities with names."""
+
+    so_far: list[Fused]
+    whole: list[Fused]
+    cavities: list[str]
+
+    @classmethod
+    def of(cls, tracker: Tracker, found: Sequence[Tracked], cavities: list[str]) -> Self | None:
+        """What the frames that a tracker has found say together; None of a device whose frames are not
+        joined, see `Fusion.joins`.
+        """
+        if not Fusion.joins(tracker):
+            return None
+        return cls(*fused_recording(Fusion.of(tracker, keep=True), found), cavities)
+
+    def samples(self, samples: Samples, at: Int[np.ndarray, " s"]) -> dict[str, Samples]:
+        """Estimates of single contacts at the frames (s,) of samples."""
+        return {
+            name: replace(
+                samples,
+                location_m=np.array([frames[i].location_m[0] for i in at]).reshape(-1, 2),
+                force_N=np.array([frames[i].force_N for i in at]),
+                location_sigma_m=np.array([frames[i].location_sigma_m[0] for i in at]).reshape(-1, 2),
+                force_sigma_N=np.array([frames[i].force_sigma_N for i in at]),
+            )
+            for name, frames in (("joined", self.so_far), ("smoothed", self.whole))
+        }
+
+    def write(self, path: Path) -> None:
+        """joined.csv: each frame's forces, places and, as all frames of its touch say, drifts; unknown
+        numbers are empty fields.
+        """
+        contacts = self.so_far[0].location_m.shape[0] if self.so_far else 1
+        labels = [f"contact{c}_" for c in range(contacts)] if contacts > 1 else [""]
+        of_each = [Column(label + what, digits) for label in labels for what, digits in _OF_CONTACT]
+        columns = [_TIME, *of_each, *(Column(f"smoothed_{each.name}", each.digits) for each in of_each)]
+        numbers = range(len(self.cavities))
+        columns += [Column(f"drift{k}_{what}", 3) for k in numbers for what in ("mm3", "sigma_mm3")]
+        with path.open("w", newline="") as stream:
+            writer = csv.writer(stream)
+            writer.writerow([*(each.name for each in columns), "outliers"])
+            for now, whole in zip(self.so_far, self.whole, strict=True):
+                values = [now.time_s, *_of_contacts(now), *_of_contacts(whole)]
+                values += (1e9 * np.stack([whole.drift, whole.drift_sigma], axis=1)).ravel().tolist()
+                told = [each.written(value) for each, value in zip(columns, values, strict=True)]
+                writer.writerow([*told, "; ".join(self._outliers(now))])
+
+    def numbers(self, found: Sequence[Tracked], true_N: Float[np.ndarray, " n"] | None) -> dict[str, Any]:
+        """Frames with outliers, and where the truth is known the root mean square of the force's error [N]
+        over all frames in which there is a force and a single frame tells it.
+        """
+        numbers: dict[str, Any] = {
+            "reading_outliers": sum(bool(each.outlier.any()) for each in self.so_far),
+            "place_outliers": sum(bool(each.place_outlier.any()) for each in self.so_far),
+        }
+        if true_N is None:
+            return numbers
+        force = np.array([[each.force_N for each in frames] for frames in (found, self.so_far, self.whole)])
+        counted = (true_N > 0) & np.isfinite(force).all(axis=0)
+        if not counted.any():
+            return numbers
+        rms = np.sqrt(np.mean((force - true_N)[:, counted] ** 2, axis=1))
+        names = ("frame_by_frame", "joined", "smoothed")
+        return numbers | {"force_rms_N": dict(zip(names, map(float, rms), strict=True))}
+
+    def section(self, numbers: dict[str, Any]) -> str:
+        """HTML of what joining makes of forces and drifts."""
+        rows = [
+            (name.replace("_", " "), str(numbers[name])) for name in ("reading_outliers", "place_outliers")
+        ]
+        rows += [
+            (f"force of all frames, {name.replace('_', ' ')}: off by [N]", f"{value:.3f}")
+            for name, value in numbers.get("force_rms_N", {}).items()
+        ]
+        time_s = np.array([each.time_s for each in self.whole])
+        drift, sigma = (
+            1e9 * np.array([getattr(each, what) for each in self.whole]).reshape(-1, len(self.cavities))
+            for what in ("drift", "drift_sigma")
+        )
+        drawn = figures.drift_over_time(time_s, drift, sigma, self.cavities)
+        caption = "What volumes drifted by, as all frames of a touch say; bands: 90 %."
+        return table(("", "value"), rows) + picture(drawn, caption)
+
+    def _outliers(self, now: Fused) -> list[str]:
+        """What was not believed in a frame."""
+        names = [name for name, out in zip(self.cavities, now.outlier, strict=True) if out]
+        return [*names, *(["place"] if now.place_outlier.any() else [])]
+
+
+def _of_contacts(fused: Fused) -> list[float]:
+    sigma = np.sqrt(np.maximum(np.diag(fused.force_covariance_N2), 0.0))
+    force = np.stack([fused.contact_force_N, sigma], axis=1)
+    places = 1e3 * np.concatenate([fused.location_m, fused.location_sigma_m], axis=1)
+    return np.concatenate([force, places], axis=1).ravel().tolist()

@@ -1,0 +1,224 @@
+"""Forces and sensors' drift from one frame to the next.
+
+State x = (u, m, δ): drives u (D,), what the model misses of each of k readings m (k,), and what each sensor
+drifts by, δ (3,), see `sensing.reading_drift`. A frame says
+
+    y − s(u₀) + W u₀ = W u + m + diag(ρ) δ₃ + v.
+
+δ goes on as the zero of a sensor does. While forces are still, u walks slowly at random and m stays, so that
+what readings show besides is drift. Where a frame contradicts that, forces have moved: u may be anything and
+m is new, of the covariance of the model's error. Drift is not learnt from such frames, as the errors of the
+model in one after the other are not independent; that also is why m is not averaged away. Where a frame
+contradicts that as well, but only in one reading, this is an outlier: what was integrated is off by as much
+from there on. W changes only as forces move, lest its jitter tell u from m.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from softfuse.estimation.tracked import Evidence
+from softfuse.fusion.normal import Change, Normal, Reading, Step
+from softfuse.fusion.process import Process
+from softfuse.sensing.reading_drift import DriftModel, ReadingDrift
+
+_UNIT_V = 1e-3
+"""Of δ in the state: drifts are some millivolts."""
+
+_ANY = 100.0
+"""Of a range: standard deviation of drives that may be anything, as good as infinite."""
+
+
+class ForceStep(NamedTuple):
+    """A frame's step, which readings (k,) were outliers, and W (k, D) when forces moved last."""
+
+    step: Step
+    outlier: Bool[np.ndarray, " k"]
+    compliance: Float[np.ndarray, "k D"]
+
+
+class ForceFilter:
+    """Joins the frames of a touch, of c contacts and k readings."""
+
+    def __init__(
+        self,
+        process: Process,
+        drift: DriftModel,
+        adding: Float[np.ndarray, "c F"],
+        range_: Float[np.ndarray, " D"],
+    ):
+        """For k readings that drift so; `adding` (c, F): sums of a contact's drives, which are the first F of
+        D; `range_` (D,): how far drives go, in a second what is attached may go as far.
+        """
+        self.process, self._drift, self._adding = process, drift, adding
+        self._effect = np.asarray(drift.effect) * _UNIT_V
+        self._range, self.readings, self.contacts = range_, len(self._effect), len(adding)
+        self._drives, self._forces = len(range_), adding.shape[1]
+        self._size = self._drives + 4 * self.readings
+        self._missed = slice(self._drives, self._drives + self.readings)
+        self._drifts = slice(self._missed.stop, None)
+        self._any = _ANY * range_
+        self._unit = np.abs(self._effect)
+        self._integral = self._missed.stop + 2 + 3 * np.arange(self.readings)
+
+    def begun(self, drift: ReadingDrift, compliance: Float[np.ndarray, "k D"]) -> ForceStep:
+        """Before the first frame: nothing presses."""
+        covariance = np.zeros((self._size, self._size))
+        for at, own in zip(self._integral, np.asarray(drift.covariance), strict=True):
+            covariance[at - 2 : at + 1, at - 2 : at + 1] = own / _UNIT_V**2
+        begun = Normal(np.zeros(self._size), covariance)
+        none = Change(np.eye(self._size), np.zeros_like(covariance))
+        return ForceStep(Step(none, begun, begun), np.zeros(self.readings, bool), compliance)
+
+    def step(
+        self, before: ForceStep, dt_s: float, evidence: Evidence | None, anchor: ForceStep, since_s: float
+    ) -> ForceStep:
+        """The next frame, dt_s [s] later, with what it says; None: nothing, whatever presses.
+
+        Forces are still if that contradicts neither the frame before nor an earlier one, the `anchor` since_s
+        [s] ago.
+        """
+        known, outlier = before.step.known, np.zeros(self.readings, bool)
+        if evidence is None:
+            unknown = np.zeros((self.readings, self.readings))
+            change = self._moved(dt_s, np.ones(self._drives, bool), unknown)
+            later = known.gone_on(change)
+            return before._replace(step=Step(change, later, later), outlier=outlier)
+        heard, acting = np.isfinite(evidence.misfit), evidence.acting
+        as_before = self._reading(evidence, before.compliance, dt_s).only(heard)
+        still = self._still(dt_s, evidence)
+        if not self._surprising(known, still, as_before) and not self._gone(anchor, since_s, evidence):
+            return self._told(known, still, as_before, outlier, before.compliance)
+        anew = self._reading(evidence, evidence.compliance, dt_s).only(heard)
+        moved = self._moved(dt_s, acting, evidence.model)
+        if self._surprising(known, moved, anew):
+            outlier = self._outlier(known, still, as_before, heard, acting)
+            if outlier.any():
+                still = self._jumped(outlier, known, still, as_before, heard)
+                return self._told(known, still, as_before, outlier, before.compliance)
+            outlier = self._outlier(known, moved, anew, heard, acting)
+            if outlier.any():
+                moved = self._jumped(outlier, known, moved, anew, heard)
+        return self._told(known, moved, anew, outlier, evidence.compliance, considered=self._drifts)
+
+    def rested(
+        self, known: Normal, evidence: Evidence, calm: Bool[np.ndarray, " k"], largest: float
+    ) -> Normal:
+        """With what readings say that are calm (k,), as the body is at rest again after readings of up to
+        `largest`.
+        """
+        heard = calm & np.isfinite(evidence.misfit)
+        if not heard.any():
+            return known
+        reading = self._reading(evidence, evidence.compliance, 0.0)
+        rows = np.where(np.arange(self._size) < self._missed.stop, 0.0, reading.rows)
+        sigma = np.hypot(reading.sigma, self.process.creep * largest)
+        return known.told(Reading(reading.value, rows, sigma).only(heard))
+
+    def force(self, known: Normal) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, "c c"]]:
+        """Forces (c,) [N] of contacts, none of which pulls, and their covariance (c, c)."""
+        forces = slice(self._forces)
+        mean = self._adding @ known.mean[forces]
+        covariance = self._adding @ known.covariance[forces, forces] @ self._adding.T
+        return np.maximum(mean, 0.0), covariance
+
+    def drift(self, known: Normal) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """What readings (k,) are off by, in SI, and the standard deviations of that."""
+        variance = np.maximum(np.diag(known.covariance)[self._integral], 0.0)
+        return self._effect * known.mean[self._integral], self._unit * np.sqrt(variance)
+
+    def _told(
+        self,
+        known: Normal,
+        change: Change,
+        reading: Reading,
+        outlier: Bool[np.ndarray, " k"],
+        compliance: Float[np.ndarray, "k D"],
+        considered: slice = slice(0),
+    ) -> ForceStep:
+        later = known.gone_on(change)
+        return ForceStep(Step(change, later, later.told(reading, considered)), outlier, compliance)
+
+    def _gone(self, anchor: ForceStep, since_s: float, evidence: Evidence) -> bool:
+        """Whether forces cannot have been still for so long [s]."""
+        reading = self._reading(evidence, anchor.compliance, since_s).only(np.isfinite(evidence.misfit))
+        return self._surprising(anchor.step.known, self._still(since_s, evidence), reading)
+
+    def _surprising(self, known: Normal, change: Change, reading: Reading) -> bool:
+        """Whether readings contradict a change."""
+        numbers = len(reading.value)
+        surprise = known.gone_on(change).surprise(reading)
+        return numbers > 0 and self.process.surprising(surprise, numbers)
+
+    def _changed(self, dt_s: float, acting: Bool[np.ndarray, " D"], walk: Float[np.ndarray, " D"]) -> Change:
+        """Of drives that act or not and walk by (D,), and of drifts; what the model misses stays."""
+        transition, noise = np.eye(self._size), np.zeros((self._size, self._size))
+        drives = np.arange(self._drives)
+        transition[drives, drives] = acting
+        noise[drives, drives] = np.where(acting, walk**2, 0.0)
+        own, chance = self._drift.step(dt_s)
+        transition[self._drifts, self._drifts] = np.kron(np.eye(self.readings), own)
+        noise[self._drifts, self._drifts] = np.kron(np.eye(self.readings), chance / _UNIT_V**2)
+        return Change(transition, noise)
+
+    def _still(self, dt_s: float, evidence: Evidence) -> Change:
+        """Of forces that hardly move."""
+        walk = np.array(self._range)
+        walk[: self._forces] = self.process.still_N
+        transition, noise = self._changed(dt_s, evidence.acting, np.sqrt(dt_s) * walk)
+        size = np.abs(evidence.compliance @ evidence.drive) / self._unit
+        noise[self._missed, self._missed] = np.diag(size**2) * self.process.wander**2 * dt_s
+        return Change(transition, noise)
+
+    def _moved(self, dt_s: float, acting: Bool[np.ndarray, " D"], model: Float[np.ndarray, "k k"]) -> Change:
+        """Of forces that may be anything now, while the model's error has a covariance (k, k)."""
+        transition, noise = self._changed(dt_s, acting, self._any)
+        transition[: self._drives] = 0.0
+        transition[self._missed] = 0.0
+        noise[self._missed, self._missed] = model / np.outer(self._unit, self._unit)
+        return Change(transition, noise)
+
+    def _reading(self, evidence: Evidence, compliance: Float[np.ndarray, "k D"], dt_s: float) -> Reading:
+        rows = np.zeros((self.readings, self._size))
+        rows[:, : self._drives] = compliance
+        rows[:, self._missed] = np.diag(self._unit)
+        rows[np.arange(self.readings), self._integral] = self._effect
+        size = compliance @ evidence.drive
+        least = self.process.least * np.abs(size) + np.finfo(float).tiny
+        return Reading(evidence.misfit + size, rows, np.hypot(self._drift.white(dt_s), least))
+
+    def _outlier(
+        self,
+        known: Normal,
+        change: Change,
+        reading: Reading,
+        heard: Bool[np.ndarray, " k"],
+        acting: Bool[np.ndarray, " D"],
+    ) -> Bool[np.ndarray, " k"]:
+        """The reading (k,) without which the others do not contradict a change, though there are more of them
+        than drives that act; none where there is no such.
+        """
+        found = np.zeros(self.readings, bool)
+        numbers, later = np.arange(len(reading.value)), known.gone_on(change)
+        if len(numbers) <= acting.sum() + 1:
+            return found
+        left = [later.surprise(reading.only(numbers != each)) for each in numbers]
+        best = int(np.argmin(left))
+        if not self.process.surprising(left[best], len(numbers) - 1):
+            found[np.flatnonzero(heard)[best]] = True
+        return found
+
+    def _jumped(
+        self,
+        outlier: Bool[np.ndarray, " k"],
+        known: Normal,
+        change: Change,
+        reading: Reading,
+        heard: Bool[np.ndarray, " k"],
+    ) -> Change:
+        """A change in which an outlier's integral has jumped."""
+        off = (reading.value - reading.rows @ known.gone_on(change).mean)[outlier[heard]]
+        noise, at = change.noise.copy(), self._integral[outlier]
+        noise[at, at] += (off / self._effect[outlier]) ** 2
+        return Change(change.transition, noise)

@@ -1,0 +1,253 @@
+"""Estimates of frames joined over time, live (`Fusion`) and of a whole recording (`fused_recording`).
+
+A touch begins when something presses and ends when the sensors integrate anew. After it was let go, the body
+is at rest again, and what readings say then is their drift: that tells whoever looks back what they had
+drifted by while something pressed.
+"""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Self
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from softfuse.errors import SoftfuseError
+from softfuse.estimation.tracked import Evidence, Tracked
+from softfuse.estimation.tracker import Tracker
+from softfuse.fusion import place_filter
+from softfuse.fusion.force_filter import ForceFilter, ForceStep
+from softfuse.fusion.normal import Normal, smoothed
+from softfuse.fusion.place_filter import PlaceStep
+from softfuse.fusion.process import DEFAULT_PROCESS, Process
+from softfuse.sensing.reading_drift import ReadingDrift
+
+
+@dataclass(frozen=True, eq=False)
+class Fused:
+    """What all frames up to one say of it, or all of a touch, of c contacts and k readings.
+
+    `contact_force_N` (c,), 0 where nothing touches, with `force_covariance_N2` (c, c); `location_m` (c, 2), x
+    and y on the body at rest, NaN where unknown, with `location_sigma_m` (c, 2); `drift` (k,): what readings
+    are off by, in SI, with `drift_sigma` (k,); `outlier` (k,): readings that were not believed in this frame,
+    `place_outlier` (c,): places.
+    """
+
+    time_s: float
+    contact_force_N: Float[np.ndarray, " c"]
+    force_covariance_N2: Float[np.ndarray, "c c"]
+    location_m: Float[np.ndarray, "c 2"]
+    location_sigma_m: Float[np.ndarray, "c 2"]
+    drift: Float[np.ndarray, " k"]
+    drift_sigma: Float[np.ndarray, " k"]
+    outlier: Bool[np.ndarray, " k"]
+    place_outlier: Bool[np.ndarray, " c"]
+
+    @property
+    def force_N(self) -> float:
+        """Sum of the contacts' forces [N]."""
+        return float(self.contact_force_N.sum())
+
+    @property
+    def force_sigma_N(self) -> float:
+        """Its standard deviation [N]."""
+        return float(np.sqrt(max(self.force_covariance_N2.sum(), 0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Joined:
+    """A frame of a touch: its time [s], the step of the forces, and of each contact that of its place."""
+
+    time_s: float
+    force: ForceStep
+    places: list[PlaceStep | None]
+
+
+@dataclass
+class _Touch:
+    """A touch that goes on: all its frames, or where none is kept the last one; the steps of the last time
+    over which forces settle; the largest reading so far, and which readings have said what they are at rest.
+    """
+
+    frames: list[_Joined] = field(default_factory=list)
+    recent: deque[tuple[float, ForceStep]] = field(default_factory=deque)
+    largest: float = 0.0
+    rested: Bool[np.ndarray, " k"] | None = None
+    drifted_V2s2: float = 0.0
+
+
+class Fusion:
+    """Joins what a tracker says, frame by frame."""
+
+    def __init__(self, forces: ForceFilter, *, keep: bool):
+        """With a filter of forces; `keep` all frames of a touch, for `ended`."""
+        self._forces, self._process, self._keep = forces, forces.process, keep
+        self.reset()
+
+    @classmethod
+    def of(cls, tracker: Tracker, process: Process = DEFAULT_PROCESS, *, keep: bool = False) -> Self:
+        """What joins the frames of a tracker, whose contacts go on as a process does.
+
+        Raises SoftfuseError for a device whose readings do not all drift, see `joins`.
+        """
+        drift = tracker.drift
+        if drift is None or not cls.joins(tracker):
+            raise SoftfuseError("only of vented cavities, whose volumes drift, frames can be joined")
+        return cls(ForceFilter(process, drift, tracker.adding, tracker.range), keep=keep)
+
+    @staticmethod
+    def joins(tracker: Tracker) -> bool:
+        """Whether all readings are volumes of vented cavities: of others a frame tells all there is."""
+        return tracker.drift is not None and len(tracker.drift.effect) == tracker.estimator.device.readings
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._touch: _Touch | None = None
+        self._time_s = np.nan
+        self.ended: list[Fused] = []
+        """Of the touch that ended before the last frame, if frames are kept: what all of it says of each."""
+
+    def update(self, now: Tracked) -> Fused:
+        """Advance by one frame; never raises for what it contains."""
+        elapsed = now.time_s - self._time_s
+        dt = float(elapsed) if elapsed > 0 else 0.0
+        self._time_s = now.time_s if np.isfinite(now.time_s) else self._time_s
+        self.ended = []
+        pressed = bool(now.touching.any())
+        drift = now.evidence.drift if now.evidence is not None else None
+        touch = self._touch
+        if touch and drift and not pressed and _integral_V2s2(drift) < touch.drifted_V2s2:
+            self.ended = self.finish()
+        if self._touch is not None:
+            joined = self._joined(self._touch, self._touch.frames[-1], dt, now)
+        elif pressed and now.evidence is not None and drift is not None:
+            self._touch = _Touch()
+            begun = self._forces.begun(drift, now.evidence.compliance)
+            before = _Joined(now.time_s, begun, [None for _ in range(self._forces.contacts)])
+            joined = self._joined(self._touch, before, 0.0, now)
+        else:
+            return self._nothing(now.time_s)
+        if not self._keep:
+            self._touch.frames.clear()
+        self._touch.frames.append(joined)
+        at = [each and each.step.known for each in joined.places]
+        return self._told(joined, joined.force.step.known, at)
+
+    def finish(self) -> list[Fused]:
+        """End the touch that goes on; if frames are kept, what all of it says of each frame."""
+        touch, self._touch = self._touch, None
+        if touch is None or not self._keep:
+            return []
+        forces = smoothed([each.force.step for each in touch.frames])
+        at: list[list[Normal | None]] = [[None] * self._forces.contacts for _ in touch.frames]
+        for c in range(self._forces.contacts):
+            steps = [each.places[c] for each in touch.frames]
+            for run in _runs(steps):
+                found = smoothed([each.step for i in run if (each := steps[i])])
+                for i, known in zip(run, found, strict=True):
+                    at[i][c] = known
+        return [self._told(*each) for each in zip(touch.frames, forces, at, strict=True)]
+
+    def _joined(self, touch: _Touch, before: _Joined, dt: float, now: Tracked) -> _Joined:
+        began_s = now.time_s - dt
+        touch.recent.append((began_s, before.force))
+        while len(touch.recent) > 1 and now.time_s - touch.recent[1][0] >= self._process.settled_s:
+            touch.recent.popleft()
+        since_s, anchor = touch.recent[0]
+        lasted = max(now.time_s - since_s, 0.0) if np.isfinite(now.time_s) else dt
+        force = self._forces.step(before.force, dt, _told_by(now), anchor, lasted)
+        if now.evidence is not None:
+            touch.largest = max(touch.largest, float(np.nan_to_num(np.abs(now.reading)).max()))
+            if now.evidence.drift is not None:
+                force = self._at_rest(touch, now, now.evidence, now.evidence.drift, force)
+        if force.outlier.any():
+            # What came before is no measure of what is still any more.
+            touch.recent.clear()
+        places = [self._placed(now, c, dt, each) for c, each in enumerate(before.places)]
+        return _Joined(now.time_s, force, places)
+
+    def _at_rest(
+        self, touch: _Touch, now: Tracked, evidence: Evidence, drift: ReadingDrift, force: ForceStep
+    ) -> ForceStep:
+        """With what each reading says once, when nothing presses any more."""
+        touch.drifted_V2s2 = _integral_V2s2(drift)
+        if now.touching.any() or touch.rested is None:
+            touch.rested = np.zeros(self._forces.readings, bool)
+            return force
+        calm = np.asarray(drift.calm) & ~touch.rested
+        touch.rested = touch.rested | calm
+        known = self._forces.rested(force.step.known, evidence, calm, touch.largest)
+        return force._replace(step=force.step._replace(known=known))
+
+    def _placed(self, now: Tracked, c: int, dt: float, before: PlaceStep | None) -> PlaceStep | None:
+        seen, sigma = now.location_m[c, :2], now.location_sigma_m[c]
+        if not now.touching[c]:
+            return None
+        if before is not None:
+            return place_filter.gone_on(self._process, before, dt, seen, sigma)
+        return place_filter.begun(self._process, seen, sigma) if np.isfinite([seen, sigma]).all() else None
+
+    def _told(self, joined: _Joined, known: Normal, at: list[Normal | None]) -> Fused:
+        nowhere = np.full(2, np.nan), np.full(2, np.nan)
+        places = [nowhere if each is None else place_filter.place(each) for each in at]
+        location, sigma = (np.array(each) for each in zip(*places, strict=True))
+        outlying = np.array([each is not None and each.outlier for each in joined.places])
+        force, covariance = self._forces.force(known)
+        drift, drift_sigma = self._forces.drift(known)
+        return Fused(
+            joined.time_s,
+            force,
+            covariance,
+            location,
+            sigma,
+            drift,
+            drift_sigma,
+            joined.force.outlier,
+            outlying,
+        )
+
+    def _nothing(self, time_s: float) -> Fused:
+        c, k = self._forces.contacts, self._forces.readings
+        nowhere, none = np.full((c, 2), np.nan), np.zeros(k)
+        no = np.zeros(k, bool), np.zeros(c, bool)
+        return Fused(time_s, np.zeros(c), np.zeros((c, c)), nowhere, nowhere, none, none, *no)
+
+
+def fused_recording(fusion: Fusion, found: Iterable[Tracked]) -> tuple[list[Fused], list[Fused]]:
+    """Of each frame what those up to it say, and what all of its touch say; `fusion` keeps frames."""
+    so_far, whole = list[Fused](), list[Fused]()
+    fusion.reset()
+    for now in found:
+        so_far.append(fusion.update(now))
+        _put_last(whole, fusion.ended)
+        whole.append(so_far[-1])
+    _put_last(whole, fusion.finish())
+    return so_far, whole
+
+
+def _put_last(whole: list[Fused], ended: list[Fused]) -> None:
+    whole[len(whole) - len(ended) :] = ended
+
+
+def _told_by(now: Tracked) -> Evidence | None:
+    """What a frame says of forces: nothing of what presses at an unknown place, and of a body that was let go
+    only that nothing presses, as it may still be coming back.
+    """
+    evidence = now.evidence
+    if evidence is None or evidence.acting.any():
+        return evidence
+    if now.touching.any():
+        return None
+    return replace(evidence, misfit=np.full_like(evidence.misfit, np.nan))
+
+
+def _integral_V2s2(drift: ReadingDrift) -> float:
+    """The largest variance [V² s²] of an integral's error: it grows until that begins anew."""
+    return float(np.asarray(drift.covariance)[:, 2, 2].max())
+
+
+def _runs(steps: list[PlaceStep | None]) -> list[range]:
+    """Where there are steps without a break."""
+    edges = np.flatnonzero(np.diff([0, *(int(each is not None) for each in steps), 0]))
+    return [range(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]

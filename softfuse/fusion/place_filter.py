@@ -1,0 +1,68 @@
+"""The place of a contact from one frame to the next.
+
+State (p, b) for x and for y: where it is, and by how much what sees it is off during a touch. A frame sees p
++ b + v. p walks slowly; what contradicts that is taken for an outlier, and if it lasts longer than
+`Process.patience_s`, for a contact that has gone there.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from softfuse.fusion.normal import Change, Normal, Reading, Step
+from softfuse.fusion.process import Process
+
+_PLACE, _OFF = slice(0, 2), slice(2, 4)
+
+
+class PlaceStep(NamedTuple):
+    """A frame's step, whether what it saw is an outlier, and for how long [s] all have been."""
+
+    step: Step
+    outlier: bool
+    outlying_s: float
+
+
+def begun(process: Process, seen_m: Float[np.ndarray, "2"], sigma_m: Float[np.ndarray, "2"]) -> PlaceStep:
+    """With what the first frame saw, x and y (2,) m of standard deviations (2,) m."""
+    off = np.diag((1 - process.white) * sigma_m**2)
+    white = np.diag(process.white * sigma_m**2)
+    covariance = np.block([[off + white, -off], [-off, off]])
+    known = Normal(np.append(seen_m, np.zeros(2)), covariance)
+    return PlaceStep(Step(Change(np.eye(4), np.zeros((4, 4))), known, known), False, 0.0)
+
+
+def gone_on(
+    process: Process,
+    before: PlaceStep,
+    dt_s: float,
+    seen_m: Float[np.ndarray, "2"],
+    sigma_m: Float[np.ndarray, "2"],
+) -> PlaceStep:
+    """The next frame, dt_s [s] later, with what it saw (2,) m of standard deviations (2,) m; NaN: nothing."""
+    change = _walk(process.still_m, dt_s)
+    later = before.step.known.gone_on(change)
+    if not np.isfinite([seen_m, sigma_m]).all():
+        return PlaceStep(Step(change, later, later), False, before.outlying_s)
+    rows = np.hstack([np.eye(2), np.eye(2)])
+    reading = Reading(seen_m, rows, np.sqrt(process.white) * sigma_m + np.finfo(float).tiny)
+    if not process.surprising(later.surprise(reading), 2):
+        return PlaceStep(Step(change, later, later.told(reading)), False, 0.0)
+    outlying_s = before.outlying_s + dt_s
+    if outlying_s < process.patience_s:
+        return PlaceStep(Step(change, later, later), True, outlying_s)
+    change = _walk(process.moving_m, outlying_s)
+    later = before.step.known.gone_on(change)
+    return PlaceStep(Step(change, later, later.told(reading)), False, 0.0)
+
+
+def place(known: Normal) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
+    """x and y (2,) m, and their standard deviations (2,) m."""
+    return known.mean[_PLACE], np.sqrt(np.maximum(np.diag(known.covariance)[_PLACE], 0.0))
+
+
+def _walk(rate_m: float, dt_s: float) -> Change:
+    noise = np.zeros((4, 4))
+    noise[_PLACE, _PLACE] = rate_m**2 * dt_s * np.eye(2)
+    return Change(np.eye(4), noise)

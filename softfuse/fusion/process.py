@@ -1,0 +1,38 @@
+"""How contacts are expected to go on, and what makes a reading an outlier."""
+
+from dataclasses import dataclass
+
+from scipy.stats import chi2
+
+
+@dataclass(frozen=True)
+class Process:
+    """Forces and places walk slowly at random while nothing contradicts that.
+
+    `still_N` [N/√s]: each drive of a contact, which is still when nothing contradicts that over `settled_s`
+    [s]; `still_m`, `moving_m` [m/√s]: x and y, and once they move; `white` [-]: part of the variance of a
+    seen place that is new in each frame, the rest stays during a touch; `creep` [-]: part of the largest
+    reading of a touch by which a body that was let go is not yet at rest; `least` [-]: part of a reading that
+    no frame tells better; `wander` [1/√s]: by what part of a reading the model's error walks meanwhile, as
+    places do; `chance` [-]: of a surprise in a frame by which a process is given up; `patience_s`
+    [s]: for so long places that jump are taken for outliers.
+    """
+
+    still_N: float = 0.05
+    settled_s: float = 0.25
+    still_m: float = 2e-4
+    moving_m: float = 0.1
+    white: float = 0.2
+    creep: float = 0.01
+    least: float = 3e-3
+    wander: float = 3e-3
+    chance: float = 1e-3
+    patience_s: float = 0.05
+
+    def surprising(self, surprise: float, numbers: int) -> bool:
+        """Whether so many numbers are further off than chance lets them be."""
+        return bool(surprise > chi2.isf(self.chance, numbers))
+
+
+DEFAULT_PROCESS = Process()
+"""Of a hand or a probe on a pad."""

@@ -1,0 +1,222 @@
+"""Frames joined over time: forces that are held, moved and let go while the zeros of four sensors drift.
+
+Readings are linear in the force here, with errors of the model and of the sensors drawn as promised, so that
+what must come out is known.
+"""
+
+from dataclasses import dataclass, replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.errors import SoftfuseError
+from softfuse.estimation.tracked import Evidence, Tracked
+from softfuse.fusion.force_filter import ForceFilter
+from softfuse.fusion.fusion import Fused, Fusion, fused_recording
+from softfuse.fusion.process import Process
+from softfuse.sensing.flow import d6f_p0001a1, flow_drift
+from softfuse.sensing.reading_drift import ReadingDrift
+from softfuse.sensing.status import Status
+
+SENSOR = d6f_p0001a1(4)
+DRIFT = flow_drift(SENSOR)
+EFFECT = np.asarray(DRIFT.effect)
+W = 1e-9 * np.array([[-25.0], [4.0], [-2.0], [6.0]])
+"""m³/N."""
+PART = 0.03
+DT = 0.1
+START = np.diag([2e-4, 4e-4, 1e-5]) ** 2
+"""Covariance of what a zero is off by as a touch begins."""
+
+
+@dataclass(frozen=True)
+class Made:
+    """True forces (n,), drifts (n, 4) of the readings, and what the tracker says."""
+
+    force: np.ndarray
+    drift: np.ndarray
+    found: list[Tracked]
+
+
+def frame(
+    time_s: float, reading: np.ndarray, model: np.ndarray, drift: ReadingDrift, force: float
+) -> Tracked:
+    """A frame of one contact that presses where `force` is positive, as good as one frame tells it."""
+    touching = force > 0
+    compliance = W if touching else np.zeros_like(W)
+    inverse = np.linalg.inv(model + np.diag(EFFECT**2 * np.asarray(drift.covariance)[:, 2, 2]))
+    heard = np.isfinite(reading)
+    inverse[~heard] = inverse[:, ~heard] = 0.0
+    information = float((compliance.T @ inverse @ compliance)[0, 0])
+    seen = np.nan_to_num(reading)
+    drive = float((compliance.T @ inverse @ seen)[0] / information) if touching else 0.0
+    misfit = reading - compliance[:, 0] * drive
+    evidence = Evidence(misfit, np.array([drive]), compliance, np.array([touching]), model, drift)
+    place = np.array([[1e-3, 2e-3, 0.0]]) if touching else np.full((1, 3), np.nan)
+    covariance = np.array([[1 / information if touching else 0.0]])
+    return Tracked(
+        time_s=time_s,
+        touching=np.array([touching]),
+        location_m=place,
+        location_sigma_m=np.full((1, 2), 1e-4 if touching else np.nan),
+        contact_force_N=np.array([drive]),
+        force_covariance_N2=covariance,
+        places=place,
+        covariance=covariance,
+        attached=np.zeros(0),
+        reading=reading,
+        sigma=np.ones(4),
+        misfit=misfit,
+        evidence=evidence,
+        details=None,
+        statuses=(Status.ok,),
+        latency_s=0.0,
+    )
+
+
+def made(force: np.ndarray, rng: np.random.Generator, jumps: np.ndarray | float = 0.0) -> Made:
+    """Frames of a force (n,) that begins with a touch, with the sensors' drift and the model's error drawn as
+    promised, and integrals that jump by so much (n, 4) [m³]; at the end, where it is 0, the body is at rest.
+    """
+    state = rng.multivariate_normal(np.zeros(3), START, 4)
+    covariance = np.broadcast_to(START, (4, 3, 3))
+    wrong = 1 + PART * rng.normal(size=4)
+    transition, noise = DRIFT.step(DT)
+    found, drifts, jumped = [], [], np.broadcast_to(np.cumsum(jumps, axis=0), (len(force), 4))
+    for k, each in enumerate(force):
+        if k:
+            state = state @ transition.T + rng.multivariate_normal(np.zeros(3), noise, 4)
+            covariance = transition @ covariance @ transition.T + noise
+        drifts.append(EFFECT * state[:, 2] + jumped[k])
+        clean = W[:, 0] * each
+        model = np.diag((PART * clean) ** 2 + 1e-24)
+        calm = np.full(4, each == 0)
+        reading = clean * wrong + drifts[-1]
+        found.append(frame(DT * k, reading, model, ReadingDrift(covariance, calm), float(each)))
+    # The sensors integrate anew.
+    still = ReadingDrift(jnp.zeros((4, 3, 3)), np.ones(4, bool))
+    found.append(frame(DT * len(force), np.zeros(4), 1e-24 * np.eye(4), still, 0.0))
+    return Made(np.append(force, 0.0), np.append(drifts, np.zeros((1, 4)), axis=0), found)
+
+
+def fusion(*, keep: bool = True) -> Fusion:
+    return Fusion(ForceFilter(Process(), DRIFT, np.ones((1, 1)), np.array([25.0])), keep=keep)
+
+
+def of(frames: list[Fused] | list[Tracked]) -> np.ndarray:
+    return np.array([each.force_N for each in frames])
+
+
+HELD = np.concatenate([np.linspace(0.2, 3.0, 15), np.full(450, 3.0), np.zeros(6)])
+"""A force that rises, is held for 45 s, and let go."""
+
+
+@pytest.fixture(scope="module")
+def held() -> list[tuple[Made, list[Fused], list[Fused]]]:
+    """Forty such touches, joined and smoothed."""
+    rng = np.random.default_rng(0)
+    return [(each, *fused_recording(fusion(), each.found)) for each in (made(HELD, rng) for _ in range(40))]
+
+
+def test_held_forces_are_told_better_the_more_frames_tell(held) -> None:
+    # How the force has gone since the hold began, which it has not.
+    begun, ended = 30, 460
+
+    def gone(frames) -> float:
+        return float(np.sqrt(np.mean([(of(each)[ended] - of(each)[begun]) ** 2 for each in frames])))
+
+    single, joined, whole = (
+        gone(frames)
+        for frames in ([m.found for m, *_ in held], [j for _, j, _ in held], [w for *_, w in held])
+    )
+    assert joined < 0.8 * single and whole < 0.8 * joined
+
+    def off(frames) -> float:
+        return float(np.sqrt(np.mean([(of(each)[ended] - 3.0) ** 2 for each in frames])))
+
+    single, joined, whole = (
+        off(frames)
+        for frames in ([m.found for m, *_ in held], [j for _, j, _ in held], [w for *_, w in held])
+    )
+    assert whole < joined < single
+
+
+@pytest.mark.parametrize("at", [16, 100, 460])
+def test_forces_are_as_sure_as_promised(held, at: int) -> None:
+    for frames in ([j for _, j, _ in held], [w for *_, w in held]):
+        inside = [abs(each[at].force_N - 3.0) < 1.645 * each[at].force_sigma_N for each in frames]
+        assert 0.75 <= np.mean(inside) <= 1.0
+
+
+def test_drift_is_as_sure_as_promised(held) -> None:
+    off = np.array([(w[460].drift - m.drift[460]) / w[460].drift_sigma for m, _, w in held])
+    assert 0.8 <= np.mean(np.abs(off) < 1.645) <= 0.99
+    sigma = np.array(
+        [[each[460].drift_sigma for each in frames] for frames in zip(*[h[1:] for h in held], strict=True)]
+    )
+    assert np.all(sigma[1] < 0.7 * sigma[0])
+
+
+def test_a_force_that_moves_is_followed_at_once() -> None:
+    force = np.concatenate(
+        [np.linspace(0.2, 2.0, 10), np.full(50, 2.0), np.linspace(2.1, 6.0, 20), np.full(5, 6.0)]
+    )
+    each = made(force, np.random.default_rng(1))
+    joined, _ = fused_recording(fusion(), each.found)
+    np.testing.assert_allclose(of(joined)[:-1], of(each.found)[:-1], rtol=0.05, atol=0.1)
+
+
+def test_a_reading_that_jumps_is_an_outlier_and_moves_no_force() -> None:
+    jumps = np.zeros((len(HELD), 4))
+    jumps[200, 3] = 40e-9
+    each = made(HELD, np.random.default_rng(2), jumps)
+    joined, whole = fused_recording(fusion(), each.found)
+    assert [k for k, f in enumerate(joined) if f.outlier.any()] == [200]
+    assert joined[200].outlier.tolist() == [False, False, False, True]
+    before = joined[199].force_N
+    assert abs(joined[205].force_N - before) < 0.05
+    assert abs(each.found[205].force_N - before) > 0.1
+    assert abs(whole[150].force_N - whole[250].force_N) < 0.05
+
+
+def test_what_says_nothing_is_borne() -> None:
+    each = made(HELD[:100], np.random.default_rng(3))
+    clean, _ = fused_recording(fusion(), each.found)
+    faulty = list(each.found)
+    silent = faulty[50].evidence
+    assert silent is not None
+    faulty[50] = replace(faulty[50], evidence=replace(silent, misfit=np.full(4, np.nan)))
+    faulty[60] = replace(faulty[60], evidence=None)
+    acting = np.zeros(1, bool)
+    faulty[70] = replace(faulty[70], evidence=replace(silent, acting=acting, drive=np.zeros(1)))
+    faulty[80] = replace(faulty[80], time_s=np.nan)
+    joined, whole = fused_recording(fusion(), faulty)
+    assert np.isfinite(of(joined)).all() and np.isfinite(of(whole)).all()
+    # Without evidence the force may be anything, but not for longer.
+    assert joined[60].force_sigma_N > 10 * joined[59].force_sigma_N
+    np.testing.assert_allclose(of(joined)[81:100], of(clean)[81:100], atol=0.15)
+
+
+def test_live_frames_are_joined_as_recorded_ones() -> None:
+    each = made(HELD[:200], np.random.default_rng(4))
+    live = fusion(keep=False)
+    found = [live.update(now) for now in each.found]
+    joined, _ = fused_recording(fusion(), each.found)
+    np.testing.assert_array_equal(of(found), of(joined))
+    assert live.ended == [] and live.finish() == []
+
+
+def test_nothing_touches() -> None:
+    each = made(np.zeros(5), np.random.default_rng(5))
+    joined, whole = fused_recording(fusion(), each.found)
+    assert not of(joined).any() and not of(whole).any()
+    assert all(np.isnan(f.location_m).all() for f in joined)
+
+
+def test_a_device_whose_readings_do_not_drift_is_refused() -> None:
+    class Pressed:
+        drift = None
+
+    with pytest.raises(SoftfuseError, match="vented"):
+        Fusion.of(Pressed())  # type: ignore[arg-type]
