@@ -88,7 +88,7 @@ def drift_over_time(
         low, high = (drift_mm3[:, k] + side * NINETY * sigma_mm3[:, k] for side in (-1, 1))
         axes.fill_between(time_s, low, high, color=colour(k), alpha=0.2, lw=0)
     axes.set(xlabel="time [s]", ylabel="drift [mm³]")
-    axes.legend(loc="lower right", ncols=2, fontsize="small")
+    axes.legend(loc="lower left", ncols=2, fontsize="small")
     axes.grid(alpha=0.3)
     return figure
 

@@ -26,6 +26,9 @@ from softfuse.sensing.reading_drift import DriftModel, ReadingDrift
 _UNIT_V = 1e-3
 """Of δ in the state: drifts are some millivolts."""
 
+_SHORTEST_S = 1e-3
+"""Between readings: no reading is without noise."""
+
 _ANY = 100.0
 """Of a range: standard deviation of drives that may be anything, as good as infinite."""
 
@@ -185,8 +188,8 @@ class ForceFilter:
         rows[:, self._missed] = np.diag(self._unit)
         rows[np.arange(self.readings), self._integral] = self._effect
         size = compliance @ evidence.drive
-        least = self.process.least * np.abs(size) + np.finfo(float).tiny
-        return Reading(evidence.misfit + size, rows, np.hypot(self._drift.white(dt_s), least))
+        white = self._drift.white(max(dt_s, _SHORTEST_S))
+        return Reading(evidence.misfit + size, rows, np.hypot(white, self.process.least * size))
 
     def _outlier(
         self,

@@ -1,6 +1,7 @@
 """How contacts are expected to go on, and what makes a reading an outlier."""
 
 from dataclasses import dataclass
+from functools import cache
 
 from scipy.stats import chi2
 
@@ -31,7 +32,13 @@ class Process:
 
     def surprising(self, surprise: float, numbers: int) -> bool:
         """Whether so many numbers are further off than chance lets them be."""
-        return bool(surprise > chi2.isf(self.chance, numbers))
+        return surprise > _largest(self.chance, numbers)
+
+
+@cache
+def _largest(chance: float, numbers: int) -> float:
+    """The sum of so many squared standard normal numbers that is exceeded by such a chance."""
+    return float(chi2.isf(chance, numbers))
 
 
 DEFAULT_PROCESS = Process()

@@ -128,7 +128,8 @@ def test_the_report_is_whole(results: Path) -> None:
     text = (results / "report.html").read_text()
     assert text.startswith("<!doctype html>") and text.rstrip().endswith("</html>")
     assert "Table I" in text and "Table II" in text
-    assert text.count("data:image/png;base64,") == 7
+    assert text.count("data:image/png;base64,") == 8
+    assert "<h2>Joined frames</h2>" in text
     assert "http" not in text
     shape = meshio.read(results / "shape_00.vtu").point_data
     moved, sure = (np.abs(shape[name]).max() for name in ("displacement", "displacement_sigma"))
