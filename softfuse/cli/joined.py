@@ -26,11 +26,14 @@ _OF_CONTACT = (
 
 @dataclass(frozen=True, eq=False)
 class Joined:
-    """Of each frame what those up to it say, and what all frames of its touch do, of cavities with names."""
+    """Of each frame what those up to it say, and what all frames of its touch do, of cavities with names
+    and so many contacts at once.
+    """
 
     so_far: list[Fused]
     whole: list[Fused]
     cavities: list[str]
+    contacts: int
 
     @classmethod
     def of(cls, tracker: Tracker, found: Sequence[Tracked], cavities: list[str]) -> Self | None:
@@ -39,16 +42,14 @@ class Joined:
         """
         if not Fusion.joins(tracker):
             return None
-        return cls(*fused_recording(Fusion.of(tracker, keep=True), found), cavities)
+        return cls(*fused_recording(Fusion.of(tracker, keep=True), found), cavities, len(tracker.adding))
 
     def samples(self, samples: Samples, at: Int[np.ndarray, " s"]) -> dict[str, Samples]:
-        """Estimates of single contacts at the frames (s,) of samples."""
+        """Forces at the frames (s,) of samples; places are those of single frames."""
         return {
             name: replace(
                 samples,
-                location_m=np.array([frames[i].location_m[0] for i in at]).reshape(-1, 2),
                 force_N=np.array([frames[i].force_N for i in at]),
-                location_sigma_m=np.array([frames[i].location_sigma_m[0] for i in at]).reshape(-1, 2),
                 force_sigma_N=np.array([frames[i].force_sigma_N for i in at]),
             )
             for name, frames in (("joined", self.so_far), ("smoothed", self.whole))
@@ -58,8 +59,7 @@ class Joined:
         """joined.csv: each frame's forces, places and, as all frames of its touch say, drifts; unknown
         numbers are empty fields.
         """
-        contacts = self.so_far[0].location_m.shape[0] if self.so_far else 1
-        labels = [f"contact{c}_" for c in range(contacts)] if contacts > 1 else [""]
+        labels = [f"contact{c}_" for c in range(self.contacts)] if self.contacts > 1 else [""]
         of_each = [Column(label + what, digits) for label in labels for what, digits in _OF_CONTACT]
         columns = [_TIME, *of_each, *(Column(f"smoothed_{each.name}", each.digits) for each in of_each)]
         numbers = range(len(self.cavities))

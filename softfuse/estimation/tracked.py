@@ -51,8 +51,8 @@ class Tracked:
     then of the x and y of places [m], if those are locations; `attached`
     (a,): what the attached loads are driven with; `reading`, `sigma` (k,): measured; `misfit` (k,): measured
     minus modelled, NaN without an estimate and where a reading took no part; `evidence`: for who joins
-    frames, None where the state was lost; `details`: the senses' own measurement; `latency_s`: wall time of
-    the frame.
+    frames, None where the state was lost or only readings tell of a place; `details`: the senses' own
+    measurement; `latency_s`: wall time of the frame.
     """
 
     time_s: float

@@ -125,7 +125,7 @@ class Tracker:
         self.reset()
 
     @property
-    def range(self) -> Float[np.ndarray, " D"]:
+    def drive_range(self) -> Float[np.ndarray, " D"]:
         """How far drives (D,) may go, in their units."""
         return self._upper - np.asarray(self._limits.lower)
 
@@ -253,15 +253,19 @@ class Tracker:
             unmoved = np.ones(told.shape, bool) if prior is None else np.diag(prior.spread) == 0
             at = drives + np.flatnonzero(unmoved)
             covariance[at, at] = placed.variance_m2[unmoved]
-        evidence = Evidence(
-            misfit,
-            found.drive,
-            np.asarray(found.report.compliance),
-            np.asarray(limits.upper > limits.lower),
-            self.settings.model_error.lasting(
-                np.where(valid, reading, 0.0), np.asarray(sensed.sigma), places, self._force_N
-            ),
-            sensed.drift,
+        evidence = (
+            None
+            if unseen(sensed).any()
+            else Evidence(
+                misfit,
+                found.drive,
+                np.asarray(found.report.compliance),
+                np.asarray(limits.upper > limits.lower),
+                self.settings.model_error.lasting(
+                    np.where(valid, reading, 0.0), np.asarray(sensed.sigma), places, self._force_N
+                ),
+                sensed.drift,
+            )
         )
         return _Estimated(found.drive, covariance, places, placed, misfit, evidence, doubts)
 

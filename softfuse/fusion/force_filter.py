@@ -13,6 +13,7 @@ contradicts that as well, but only in one reading, this is an outlier: what was 
 from there on. W changes only as forces move, lest its jitter tell u from m.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -34,11 +35,16 @@ _ANY = 100.0
 
 
 class ForceStep(NamedTuple):
-    """A frame's step, which readings (k,) were outliers, and W (k, D) when forces moved last."""
+    """A frame's step, which readings (k,) were outliers, W (k, D) when forces moved last, which drives (D,)
+    act, whether they moved, and whether forces are known.
+    """
 
     step: Step
     outlier: Bool[np.ndarray, " k"]
     compliance: Float[np.ndarray, "k D"]
+    acting: Bool[np.ndarray, " D"]
+    moved: bool = False
+    known: bool = True
 
 
 class ForceFilter:
@@ -72,38 +78,55 @@ class ForceFilter:
             covariance[at - 2 : at + 1, at - 2 : at + 1] = own / _UNIT_V**2
         begun = Normal(np.zeros(self._size), covariance)
         none = Change(np.eye(self._size), np.zeros_like(covariance))
-        return ForceStep(Step(none, begun, begun), np.zeros(self.readings, bool), compliance)
+        no = np.zeros(self.readings, bool), np.zeros(self._drives, bool)
+        return ForceStep(Step(none, begun, begun), no[0], compliance, no[1])
 
     def step(
-        self, before: ForceStep, dt_s: float, evidence: Evidence | None, anchor: ForceStep, since_s: float
+        self,
+        before: ForceStep,
+        dt_s: float,
+        evidence: Evidence,
+        anchors: Iterable[tuple[float, ForceStep]],
     ) -> ForceStep:
-        """The next frame, dt_s [s] later, with what it says; None: nothing, whatever presses.
+        """The next frame, dt_s [s] later, with what it says.
 
-        Forces are still if that contradicts neither the frame before nor an earlier one, the `anchor` since_s
-        [s] ago.
+        Forces are still if that contradicts neither the frame before nor earlier ones, `anchors` so long [s]
+        ago, and no drive acts that did not.
         """
         known, outlier = before.step.known, np.zeros(self.readings, bool)
-        if evidence is None:
-            unknown = np.zeros((self.readings, self.readings))
-            change = self._moved(dt_s, np.ones(self._drives, bool), unknown)
-            later = known.gone_on(change)
-            return before._replace(step=Step(change, later, later), outlier=outlier)
         heard, acting = np.isfinite(evidence.misfit), evidence.acting
-        as_before = self._reading(evidence, before.compliance, dt_s).only(heard)
+        as_before = self._reading(evidence, before.compliance).only(heard)
         still = self._still(dt_s, evidence)
-        if not self._surprising(known, still, as_before) and not self._gone(anchor, since_s, evidence):
-            return self._told(known, still, as_before, outlier, before.compliance)
-        anew = self._reading(evidence, evidence.compliance, dt_s).only(heard)
-        moved = self._moved(dt_s, acting, evidence.model)
+        begins = bool(np.any(acting & ~before.acting))
+        contradicted = self._surprising(known, still, as_before) or any(
+            self._contradicted(step, since_s, evidence) for since_s, step in anchors
+        )
+        if not (begins or contradicted):
+            return self._stepped(
+                known, still, as_before, ForceStep(before.step, outlier, before.compliance, acting)
+            )
+        anew = self._reading(evidence, evidence.compliance).only(heard)
+        moved = self._moved(dt_s, evidence)
         if self._surprising(known, moved, anew):
-            outlier = self._outlier(known, still, as_before, heard, acting)
+            if not begins:
+                outlier = self._outlier(known, still, as_before, heard, acting)
             if outlier.any():
                 still = self._jumped(outlier, known, still, as_before, heard)
-                return self._told(known, still, as_before, outlier, before.compliance)
+                found = ForceStep(before.step, outlier, before.compliance, acting)
+                return self._stepped(known, still, as_before, found)
             outlier = self._outlier(known, moved, anew, heard, acting)
             if outlier.any():
                 moved = self._jumped(outlier, known, moved, anew, heard)
-        return self._told(known, moved, anew, outlier, evidence.compliance, considered=self._drifts)
+        found = ForceStep(before.step, outlier, evidence.compliance, acting, moved=True)
+        return self._stepped(known, moved, anew, found, considered=self._drifts)
+
+    def unknown(self, before: ForceStep, dt_s: float) -> ForceStep:
+        """The next frame, dt_s [s] later, in which nothing is known of forces."""
+        none = np.zeros(self._drives, bool)
+        change = self._changed(dt_s, dt_s, none, self._any)
+        later = before.step.known.gone_on(change)
+        no = np.zeros(self.readings, bool)
+        return ForceStep(Step(change, later, later), no, before.compliance, none, moved=True, known=False)
 
     def rested(
         self, known: Normal, evidence: Evidence, calm: Bool[np.ndarray, " k"], largest: float
@@ -111,13 +134,17 @@ class ForceFilter:
         """With what readings say that are calm (k,), as the body is at rest again after readings of up to
         `largest`.
         """
-        heard = calm & np.isfinite(evidence.misfit)
-        if not heard.any():
-            return known
-        reading = self._reading(evidence, evidence.compliance, 0.0)
+        reading = self._reading(evidence, evidence.compliance)
         rows = np.where(np.arange(self._size) < self._missed.stop, 0.0, reading.rows)
         sigma = np.hypot(reading.sigma, self.process.creep * largest)
-        return known.told(Reading(reading.value, rows, sigma).only(heard))
+        at_rest = Reading(reading.value, rows, sigma)
+        # What is far from any drift is no rest: something still presses that is not seen.
+        own = np.arange(self.readings)
+        credible = [
+            bool(calm[k]) and not self.process.surprising(known.surprise(at_rest.only(own == k)), 1)
+            for k in own
+        ]
+        return known.updated(at_rest.only(np.array(credible))) if any(credible) else known
 
     def force(self, known: Normal) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, "c c"]]:
         """Forces (c,) [N] of contacts, none of which pulls, and their covariance (c, c)."""
@@ -131,21 +158,20 @@ class ForceFilter:
         variance = np.maximum(np.diag(known.covariance)[self._integral], 0.0)
         return self._effect * known.mean[self._integral], self._unit * np.sqrt(variance)
 
-    def _told(
+    def _stepped(
         self,
         known: Normal,
         change: Change,
         reading: Reading,
-        outlier: Bool[np.ndarray, " k"],
-        compliance: Float[np.ndarray, "k D"],
+        found: ForceStep,
         considered: slice = slice(0),
     ) -> ForceStep:
         later = known.gone_on(change)
-        return ForceStep(Step(change, later, later.told(reading, considered)), outlier, compliance)
+        return found._replace(step=Step(change, later, later.updated(reading, considered)))
 
-    def _gone(self, anchor: ForceStep, since_s: float, evidence: Evidence) -> bool:
+    def _contradicted(self, anchor: ForceStep, since_s: float, evidence: Evidence) -> bool:
         """Whether forces cannot have been still for so long [s]."""
-        reading = self._reading(evidence, anchor.compliance, since_s).only(np.isfinite(evidence.misfit))
+        reading = self._reading(evidence, anchor.compliance).only(np.isfinite(evidence.misfit))
         return self._surprising(anchor.step.known, self._still(since_s, evidence), reading)
 
     def _surprising(self, known: Normal, change: Change, reading: Reading) -> bool:
@@ -154,13 +180,22 @@ class ForceFilter:
         surprise = known.gone_on(change).surprise(reading)
         return numbers > 0 and self.process.surprising(surprise, numbers)
 
-    def _changed(self, dt_s: float, acting: Bool[np.ndarray, " D"], walk: Float[np.ndarray, " D"]) -> Change:
-        """Of drives that act or not and walk by (D,), and of drifts; what the model misses stays."""
+    def _changed(
+        self,
+        dt_s: float,
+        period_s: float,
+        acting: Bool[np.ndarray, " D"],
+        walk: Float[np.ndarray, " D"],
+    ) -> Change:
+        """Of drives that act or not and walk by (D,), and of drifts; what the model misses stays as long as
+        something acts.
+        """
         transition, noise = np.eye(self._size), np.zeros((self._size, self._size))
         drives = np.arange(self._drives)
         transition[drives, drives] = acting
         noise[drives, drives] = np.where(acting, walk**2, 0.0)
-        own, chance = self._drift.step(dt_s)
+        transition[self._missed] *= acting.any()
+        own, chance = self._drift.step(dt_s, max(period_s, _SHORTEST_S))
         transition[self._drifts, self._drifts] = np.kron(np.eye(self.readings), own)
         noise[self._drifts, self._drifts] = np.kron(np.eye(self.readings), chance / _UNIT_V**2)
         return Change(transition, noise)
@@ -169,26 +204,26 @@ class ForceFilter:
         """Of forces that hardly move."""
         walk = np.array(self._range)
         walk[: self._forces] = self.process.still_N
-        transition, noise = self._changed(dt_s, evidence.acting, np.sqrt(dt_s) * walk)
+        transition, noise = self._changed(dt_s, _period(evidence), evidence.acting, np.sqrt(dt_s) * walk)
         size = np.abs(evidence.compliance @ evidence.drive) / self._unit
         noise[self._missed, self._missed] = np.diag(size**2) * self.process.wander**2 * dt_s
         return Change(transition, noise)
 
-    def _moved(self, dt_s: float, acting: Bool[np.ndarray, " D"], model: Float[np.ndarray, "k k"]) -> Change:
-        """Of forces that may be anything now, while the model's error has a covariance (k, k)."""
-        transition, noise = self._changed(dt_s, acting, self._any)
+    def _moved(self, dt_s: float, evidence: Evidence) -> Change:
+        """Of forces that may be anything now, while the model is wrong in a new way."""
+        transition, noise = self._changed(dt_s, _period(evidence), evidence.acting, self._any)
         transition[: self._drives] = 0.0
         transition[self._missed] = 0.0
-        noise[self._missed, self._missed] = model / np.outer(self._unit, self._unit)
+        noise[self._missed, self._missed] = evidence.model / np.outer(self._unit, self._unit)
         return Change(transition, noise)
 
-    def _reading(self, evidence: Evidence, compliance: Float[np.ndarray, "k D"], dt_s: float) -> Reading:
+    def _reading(self, evidence: Evidence, compliance: Float[np.ndarray, "k D"]) -> Reading:
         rows = np.zeros((self.readings, self._size))
         rows[:, : self._drives] = compliance
         rows[:, self._missed] = np.diag(self._unit)
         rows[np.arange(self.readings), self._integral] = self._effect
         size = compliance @ evidence.drive
-        white = self._drift.white(max(dt_s, _SHORTEST_S))
+        white = self._drift.white(max(_period(evidence), _SHORTEST_S))
         return Reading(evidence.misfit + size, rows, np.hypot(white, self.process.least * size))
 
     def _outlier(
@@ -225,3 +260,8 @@ class ForceFilter:
         noise, at = change.noise.copy(), self._integral[outlier]
         noise[at, at] += (off / self._effect[outlier]) ** 2
         return Change(change.transition, noise)
+
+
+def _period(evidence: Evidence) -> float:
+    """Between readings of the sensors [s]; 0 where it is not known."""
+    return 0.0 if evidence.drift is None else float(evidence.drift.period_s)

@@ -28,7 +28,8 @@ from softfuse.sensing.reading_drift import ReadingDrift
 class Fused:
     """What all frames up to one say of it, or all of a touch, of c contacts and k readings.
 
-    `contact_force_N` (c,), 0 where nothing touches, with `force_covariance_N2` (c, c); `location_m` (c, 2), x
+    `contact_force_N` (c,), 0 where nothing touches, NaN where unknown, with `force_covariance_N2` (c, c), so
+    too; `location_m` (c, 2), x
     and y on the body at rest, NaN where unknown, with `location_sigma_m` (c, 2); `drift` (k,): what readings
     are off by, in SI, with `drift_sigma` (k,); `outlier` (k,): readings that were not believed in this frame,
     `place_outlier` (c,): places.
@@ -52,7 +53,7 @@ class Fused:
     @property
     def force_sigma_N(self) -> float:
         """Its standard deviation [N]."""
-        return float(np.sqrt(max(self.force_covariance_N2.sum(), 0.0)))
+        return float(np.sqrt(np.maximum(self.force_covariance_N2.sum(), 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,15 +67,16 @@ class _Joined:
 
 @dataclass
 class _Touch:
-    """A touch that goes on: all its frames, or where none is kept the last one; the steps of the last time
-    over which forces settle; the largest reading so far, and which readings have said what they are at rest.
+    """A touch that goes on: all its frames, or where none is kept the last one; the steps of the last
+    seconds with their times; the largest reading so far; which readings have said what they are at rest; and
+    the largest variances (k,) of their integrals' errors, which grow until these begin anew.
     """
 
     frames: list[_Joined] = field(default_factory=list)
     recent: deque[tuple[float, ForceStep]] = field(default_factory=deque)
     largest: float = 0.0
-    rested: Bool[np.ndarray, " k"] | None = None
-    drifted_V2s2: float = 0.0
+    rested: Bool[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(1, bool))
+    drifted_V2s2: Float[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(1))
 
 
 class Fusion:
@@ -94,7 +96,7 @@ class Fusion:
         drift = tracker.drift
         if drift is None or not cls.joins(tracker):
             raise SoftfuseError("only of vented cavities, whose volumes drift, frames can be joined")
-        return cls(ForceFilter(process, drift, tracker.adding, tracker.range), keep=keep)
+        return cls(ForceFilter(process, drift, tracker.adding, tracker.drive_range), keep=keep)
 
     @staticmethod
     def joins(tracker: Tracker) -> bool:
@@ -110,29 +112,35 @@ class Fusion:
 
     def update(self, now: Tracked) -> Fused:
         """Advance by one frame; never raises for what it contains."""
-        elapsed = now.time_s - self._time_s
-        dt = float(elapsed) if elapsed > 0 else 0.0
-        self._time_s = now.time_s if np.isfinite(now.time_s) else self._time_s
+        dt = self._elapsed(now.time_s)
         self.ended = []
         pressed = bool(now.touching.any())
         drift = now.evidence.drift if now.evidence is not None else None
-        touch = self._touch
-        if touch and drift and not pressed and _integral_V2s2(drift) < touch.drifted_V2s2:
-            self.ended = self.finish()
+        if self._touch is not None and drift is not None:
+            anew = _integral_V2s2(drift) < self._touch.drifted_V2s2
+            if anew.all() or (pressed and anew.any()):
+                self.ended = self.finish()
         if self._touch is not None:
             joined = self._joined(self._touch, self._touch.frames[-1], dt, now)
-        elif pressed and now.evidence is not None and drift is not None:
+        elif pressed and _told_by(now) is not None and now.evidence is not None and drift is not None:
             self._touch = _Touch()
             begun = self._forces.begun(drift, now.evidence.compliance)
             before = _Joined(now.time_s, begun, [None for _ in range(self._forces.contacts)])
             joined = self._joined(self._touch, before, 0.0, now)
         else:
-            return self._nothing(now.time_s)
+            return self._without(now)
         if not self._keep:
             self._touch.frames.clear()
         self._touch.frames.append(joined)
         at = [each and each.step.known for each in joined.places]
-        return self._told(joined, joined.force.step.known, at)
+        return self._fused(joined, joined.force.step.known, at)
+
+    def _elapsed(self, time_s: float) -> float:
+        """Since the last frame [s]; 0 where the time is missing or does not increase."""
+        if not np.isfinite(time_s) or time_s <= self._time_s:
+            return 0.0
+        elapsed, self._time_s = time_s - self._time_s, time_s
+        return elapsed if np.isfinite(elapsed) else 0.0
 
     def finish(self) -> list[Fused]:
         """End the touch that goes on; if frames are kept, what all of it says of each frame."""
@@ -147,35 +155,47 @@ class Fusion:
                 found = smoothed([each.step for i in run if (each := steps[i])])
                 for i, known in zip(run, found, strict=True):
                     at[i][c] = known
-        return [self._told(*each) for each in zip(touch.frames, forces, at, strict=True)]
+        return [self._fused(*each) for each in zip(touch.frames, forces, at, strict=True)]
 
     def _joined(self, touch: _Touch, before: _Joined, dt: float, now: Tracked) -> _Joined:
-        began_s = now.time_s - dt
-        touch.recent.append((began_s, before.force))
-        while len(touch.recent) > 1 and now.time_s - touch.recent[1][0] >= self._process.settled_s:
-            touch.recent.popleft()
-        since_s, anchor = touch.recent[0]
-        lasted = max(now.time_s - since_s, 0.0) if np.isfinite(now.time_s) else dt
-        force = self._forces.step(before.force, dt, _told_by(now), anchor, lasted)
+        told, recent = _told_by(now), touch.recent
+        recent.append((self._time_s - dt, before.force))
+        if told is None:
+            force = self._forces.unknown(before.force, dt)
+        else:
+            force = self._forces.step(before.force, dt, told, self._anchors(recent, before.force.moved))
+        if force.outlier.any():
+            # What came before is no measure of what is still any more.
+            recent.clear()
         if now.evidence is not None:
             touch.largest = max(touch.largest, float(np.nan_to_num(np.abs(now.reading)).max()))
             if now.evidence.drift is not None:
                 force = self._at_rest(touch, now, now.evidence, now.evidence.drift, force)
-        if force.outlier.any():
-            # What came before is no measure of what is still any more.
-            touch.recent.clear()
         places = [self._placed(now, c, dt, each) for c, each in enumerate(before.places)]
         return _Joined(now.time_s, force, places)
+
+    def _anchors(self, recent: deque[tuple[float, ForceStep]], moved: bool) -> list[tuple[float, ForceStep]]:
+        """Of recent steps with their times [s], the one since when forces have settled, and the first since
+        they have been still, each with how long ago that was [s]; older ones go.
+        """
+        process, now_s = self._process, self._time_s
+        longest = process.settled_s if moved else process.creeping_s
+        while len(recent) > 1 and not now_s - recent[1][0] < longest:
+            recent.popleft()
+        settled = next(
+            each for each in recent if not now_s - each[0] > process.settled_s or each is recent[-1]
+        )
+        return [(now_s - at, step) for at, step in (settled, recent[0]) if np.isfinite(now_s - at)]
 
     def _at_rest(
         self, touch: _Touch, now: Tracked, evidence: Evidence, drift: ReadingDrift, force: ForceStep
     ) -> ForceStep:
         """With what each reading says once, when nothing presses any more."""
-        touch.drifted_V2s2 = _integral_V2s2(drift)
-        if now.touching.any() or touch.rested is None:
+        touch.drifted_V2s2 = np.maximum(touch.drifted_V2s2, _integral_V2s2(drift))
+        if now.touching.any():
             touch.rested = np.zeros(self._forces.readings, bool)
             return force
-        calm = np.asarray(drift.calm) & ~touch.rested
+        calm = np.asarray(drift.calm) & ~touch.rested & np.isfinite(evidence.misfit)
         touch.rested = touch.rested | calm
         known = self._forces.rested(force.step.known, evidence, calm, touch.largest)
         return force._replace(step=force.step._replace(known=known))
@@ -188,12 +208,14 @@ class Fusion:
             return place_filter.gone_on(self._process, before, dt, seen, sigma)
         return place_filter.begun(self._process, seen, sigma) if np.isfinite([seen, sigma]).all() else None
 
-    def _told(self, joined: _Joined, known: Normal, at: list[Normal | None]) -> Fused:
+    def _fused(self, joined: _Joined, known: Normal, at: list[Normal | None]) -> Fused:
         nowhere = np.full(2, np.nan), np.full(2, np.nan)
         places = [nowhere if each is None else place_filter.place(each) for each in at]
         location, sigma = (np.array(each) for each in zip(*places, strict=True))
         outlying = np.array([each is not None and each.outlier for each in joined.places])
         force, covariance = self._forces.force(known)
+        if not joined.force.known:
+            force, covariance = np.full_like(force, np.nan), np.full_like(covariance, np.nan)
         drift, drift_sigma = self._forces.drift(known)
         return Fused(
             joined.time_s,
@@ -207,11 +229,16 @@ class Fusion:
             outlying,
         )
 
-    def _nothing(self, time_s: float) -> Fused:
-        c, k = self._forces.contacts, self._forces.readings
-        nowhere, none = np.full((c, 2), np.nan), np.zeros(k)
-        no = np.zeros(k, bool), np.zeros(c, bool)
-        return Fused(time_s, np.zeros(c), np.zeros((c, c)), nowhere, nowhere, none, none, *no)
+    def _without(self, now: Tracked) -> Fused:
+        """A frame of no touch, or of one of which nothing is known yet."""
+        touching, none = now.touching, np.zeros(self._forces.readings)
+        force = np.where(touching, np.nan, 0.0)
+        location, sigma = (
+            np.where(touching[:, None], each, np.nan)
+            for each in (now.location_m[:, :2], now.location_sigma_m)
+        )
+        outlier, outlying = np.zeros(len(none), bool), np.zeros(len(touching), bool)
+        return Fused(now.time_s, force, np.diag(force), location, sigma, none, none, outlier, outlying)
 
 
 def fused_recording(fusion: Fusion, found: Iterable[Tracked]) -> tuple[list[Fused], list[Fused]]:
@@ -231,20 +258,22 @@ def _put_last(whole: list[Fused], ended: list[Fused]) -> None:
 
 
 def _told_by(now: Tracked) -> Evidence | None:
-    """What a frame says of forces: nothing of what presses at an unknown place, and of a body that was let go
-    only that nothing presses, as it may still be coming back.
+    """What a frame says of forces: nothing where one presses at an unknown place, and of a body that was let
+    go only that nothing presses, as it may still be coming back.
     """
-    evidence = now.evidence
-    if evidence is None or evidence.acting.any():
-        return evidence
-    if now.touching.any():
+    evidence, touching = now.evidence, now.touching
+    if evidence is None:
         return None
-    return replace(evidence, misfit=np.full_like(evidence.misfit, np.nan))
+    each = (len(evidence.acting) - now.attached.size) // len(touching)
+    acting = evidence.acting[: each * len(touching)].reshape(len(touching), each).any(axis=1)
+    if np.any(touching & ~acting):
+        return None
+    return evidence if acting.any() else replace(evidence, misfit=np.full_like(evidence.misfit, np.nan))
 
 
-def _integral_V2s2(drift: ReadingDrift) -> float:
-    """The largest variance [V² s²] of an integral's error: it grows until that begins anew."""
-    return float(np.asarray(drift.covariance)[:, 2, 2].max())
+def _integral_V2s2(drift: ReadingDrift) -> Float[np.ndarray, " k"]:
+    """Variances (k,) [V² s²] of the integrals' errors."""
+    return np.asarray(drift.covariance)[:, 2, 2]
 
 
 def _runs(steps: list[PlaceStep | None]) -> list[range]:

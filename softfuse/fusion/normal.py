@@ -25,7 +25,7 @@ class Normal(NamedTuple):
         covariance = change.transition @ self.covariance @ change.transition.T + change.noise
         return Normal(change.transition @ self.mean, covariance)
 
-    def told(self, reading: "Reading", considered: slice = slice(0)) -> "Normal":
+    def updated(self, reading: "Reading", considered: slice = slice(0)) -> "Normal":
         """With a reading of it; of numbers that are only `considered` it says nothing, although they matter
         for it (Schmidt, Advances in Control Systems 3, 293, 1966).
         """

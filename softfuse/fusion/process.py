@@ -11,18 +11,19 @@ class Process:
     """Forces and places walk slowly at random while nothing contradicts that.
 
     `still_N` [N/√s]: each drive of a contact, which is still when nothing contradicts that over `settled_s`
-    [s]; `still_m`, `moving_m` [m/√s]: x and y, and once they move; `white` [-]: part of the variance of a
-    seen place that is new in each frame, the rest stays during a touch; `creep` [-]: part of the largest
-    reading of a touch by which a body that was let go is not yet at rest; `least` [-]: part of a reading that
-    no frame tells better; `wander` [1/√s]: by what part of a reading the model's error walks meanwhile, as
-    places do; `chance` [-]: of a surprise in a frame by which a process is given up; `patience_s`
-    [s]: for so long places that jump are taken for outliers.
+    [s], nor since it was, over up to `creeping_s` [s]; `still_m`, `moving_m` [m/√s]: x and y, and once they
+    move; `white` [-]: part of the variance of a seen place that is new in each frame, the rest stays during a
+    touch; `creep` [-]: part of the largest reading of a touch by which a body that was let go is not yet at
+    rest; `least` [-]: part of a reading that no frame tells better; `wander` [1/√s]: by what part of a
+    reading the model's error walks meanwhile, as places do; `chance` [-]: of a surprise in a frame by which a
+    process is given up; `patience_s` [s]: for so long places that jump are taken for outliers.
     """
 
-    still_N: float = 0.05
+    still_N: float = 0.1
     settled_s: float = 0.25
+    creeping_s: float = 2.0
     still_m: float = 2e-4
-    moving_m: float = 0.1
+    moving_m: float = 0.01
     white: float = 0.2
     creep: float = 0.01
     least: float = 3e-3

@@ -321,5 +321,5 @@ def flow_update(
         saturated=state.saturated | jnp.any(state.lag_saturated, axis=0),
         missing=missing,
         zero_V=zero,
-        drift=ReadingDrift(ahead.covariance, state.calm_s > 0.0),
+        drift=ReadingDrift(ahead.covariance, state.calm_s > 0.0, jnp.asarray(dt_s, float)),
     )

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
@@ -18,12 +17,14 @@ from softfuse.sensing.zero_drift import ZeroDrift, zero_transition
 class ReadingDrift(NamedTuple):
     """Of k readings in one frame.
 
-    `covariance` (k, 3, 3): of δ, [V], [V], [V s]; `calm` (k,): nothing touches and nothing flows, so that the
-    reading of a body that came back to rest is its own error.
+    `covariance` (k, 3, 3): of δ, [V], [V], [V s]; `calm` (k,): nothing touches and nothing flows, so that
+    the reading of a body that came back to rest is its own error; `period_s`: since the sensors' last reading
+    [s].
     """
 
     covariance: Float[Array, "k 3 3"]
     calm: Bool[Array, " k"]
+    period_s: Float[Array, ""]
 
 
 class DriftModel(eqx.Module):
@@ -34,18 +35,20 @@ class DriftModel(eqx.Module):
     zero: ZeroDrift
     effect: Float[Array, " k"]
 
-    def step(self, dt_s: float) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
-        """The transition (3, 3) over dt_s [s] in one reading, and what comes by chance (3, 3)."""
-        transition, noise = _transition(self.zero, dt_s)
+    def step(self, dt_s: float, period_s: float) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
+        """The transition (3, 3) over dt_s [s] in one reading, and what comes by chance (3, 3), of sensors
+        that are read every period_s [s].
+        """
+        transition, noise = _transition(self.zero, dt_s, max(dt_s / period_s, 1.0))
         return np.asarray(transition), np.asarray(noise)
 
-    def white(self, dt_s: float) -> Float[np.ndarray, " k"]:
+    def white(self, period_s: float) -> Float[np.ndarray, " k"]:
         """Standard deviations (k,) of what is only in the newest reading: half a step of the trapezoidal rule
-        over dt_s [s].
+        over a period [s].
         """
-        return 0.5 * dt_s * float(self.zero.noise_V) * np.abs(np.asarray(self.effect))
+        return 0.5 * period_s * float(self.zero.noise_V) * np.abs(np.asarray(self.effect))
 
 
 @jax.jit
-def _transition(zero: ZeroDrift, dt_s: Float[Array, ""]) -> tuple[Array, Array]:
-    return zero_transition(zero, dt_s, jnp.ones(()))
+def _transition(zero: ZeroDrift, dt_s: Float[Array, ""], samples: Float[Array, ""]) -> tuple[Array, Array]:
+    return zero_transition(zero, dt_s, samples)

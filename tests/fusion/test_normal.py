@@ -26,7 +26,7 @@ def filtered(start: Normal, steps: list[tuple[Change, Reading]]) -> list[Step]:
     found, known = [], start
     for change, reading in steps:
         expected = known.gone_on(change)
-        known = expected.told(reading)
+        known = expected.updated(reading)
         found.append(Step(change, expected, known))
     return found
 
@@ -50,7 +50,7 @@ def at_once(start: Normal, steps: list[tuple[Change, Reading]]) -> tuple[np.ndar
         at += len(reading.value)
         value += reading.value.tolist()
         sigma += reading.sigma.tolist()
-    whole = Normal(np.concatenate(mean), blocks).told(Reading(np.array(value), rows, np.array(sigma)))
+    whole = Normal(np.concatenate(mean), blocks).updated(Reading(np.array(value), rows, np.array(sigma)))
     covariances = [whole.covariance[k : k + SIZE, k : k + SIZE] for k in range(0, FRAMES * SIZE, SIZE)]
     return whole.mean.reshape(FRAMES, SIZE), np.array(covariances)
 
@@ -68,10 +68,10 @@ def test_what_is_considered_stays_but_matters() -> None:
     rng = np.random.default_rng(3)
     start, steps = random_steps(rng)
     reading = steps[0][1]
-    told = start.told(reading, considered=slice(2, 3))
+    told = start.updated(reading, considered=slice(2, 3))
     np.testing.assert_allclose(told.mean[2], start.mean[2])
     np.testing.assert_allclose(told.covariance[2, 2], start.covariance[2, 2])
-    whole = start.told(reading)
+    whole = start.updated(reading)
     # Less is learnt of the others than if it were, and more stays open than if it were known.
     assert np.all(np.linalg.eigvalsh(told.covariance - whole.covariance) > -1e-12)
     # The covariance is that of the errors that occur.

@@ -43,9 +43,17 @@ def test_a_contact_that_went_elsewhere_is_followed() -> None:
     seen = np.zeros((50, 2))
     seen[20:, 1] = 5e-3
     found = where(followed(seen))[:, 1]
-    late = 20 + round(PROCESS.patience_s / DT)
+    late = 21 + round(PROCESS.patience_s / DT)
     assert np.abs(found[:20]).max() < 1e-5
     np.testing.assert_allclose(found[late:], 5e-3, atol=1e-4)
+
+
+def test_a_contact_that_slides_is_followed() -> None:
+    seen = np.zeros((100, 2))
+    seen[20:, 0] = np.minimum(20e-3 * DT * np.arange(80), 10e-3)
+    steps = followed(seen)
+    assert not any(each.outlier for each in steps)
+    np.testing.assert_allclose(where(steps)[30:, 0], seen[30:, 0], atol=1e-4)
 
 
 def test_a_frame_that_sees_nothing_leaves_it_where_it_is() -> None:
