@@ -1,7 +1,7 @@
 """What a tracker is given and what it says, frame by frame."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -28,7 +28,7 @@ class Evidence:
 
     `misfit` (k,) in SI, NaN where a reading took no part; `drive` u₀ (D,); `compliance` W (k, D); `acting`
     (D,): drives that may be other than 0; `model` (k, k): covariance of the model's error; `drift`: what
-    readings drift by, None where they do not.
+    readings drift by.
     """
 
     misfit: Float[np.ndarray, " k"]
@@ -36,7 +36,14 @@ class Evidence:
     compliance: Float[np.ndarray, "k D"]
     acting: Bool[np.ndarray, " D"]
     model: Float[np.ndarray, "k k"]
-    drift: ReadingDrift | None
+    drift: ReadingDrift
+
+    @classmethod
+    def of_rest(cls, reading: Float[np.ndarray, " k"], drives: int, drift: ReadingDrift) -> Self:
+        """Readings (k,) of a body on which none of so many drives acts."""
+        k = len(reading)
+        nothing = np.zeros(drives), np.zeros((k, drives)), np.zeros(drives, bool), np.zeros((k, k))
+        return cls(reading, *nothing, drift)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +58,8 @@ class Tracked:
     then of the x and y of places [m], if those are locations; `attached`
     (a,): what the attached loads are driven with; `reading`, `sigma` (k,): measured; `misfit` (k,): measured
     minus modelled, NaN without an estimate and where a reading took no part; `evidence`: for who joins
-    frames, None where the state was lost or only readings tell of a place; `details`: the senses' own
-    measurement; `latency_s`: wall time of the frame.
+    frames, None where readings do not drift, the state was lost, or only readings tell of a place; `details`:
+    the senses' own measurement; `latency_s`: wall time of the frame.
     """
 
     time_s: float

@@ -253,20 +253,14 @@ class Tracker:
             unmoved = np.ones(told.shape, bool) if prior is None else np.diag(prior.spread) == 0
             at = drives + np.flatnonzero(unmoved)
             covariance[at, at] = placed.variance_m2[unmoved]
-        evidence = (
-            None
-            if unseen(sensed).any()
-            else Evidence(
-                misfit,
-                found.drive,
-                np.asarray(found.report.compliance),
-                np.asarray(limits.upper > limits.lower),
-                self.settings.model_error.lasting(
-                    np.where(valid, reading, 0.0), np.asarray(sensed.sigma), places, self._force_N
-                ),
-                sensed.drift,
+        evidence = None
+        if sensed.drift is not None and not unseen(sensed).any():
+            lasting = self.settings.model_error.lasting(
+                np.where(valid, reading, 0.0), np.asarray(sensed.sigma), places, self._force_N
             )
-        )
+            acting = np.asarray(limits.upper > limits.lower)
+            compliance = np.asarray(found.report.compliance)
+            evidence = Evidence(misfit, found.drive, compliance, acting, lasting, sensed.drift)
         return _Estimated(found.drive, covariance, places, placed, misfit, evidence, doubts)
 
     def _nothing(self, sensed: Sensed) -> _Estimated:
@@ -274,16 +268,10 @@ class Tracker:
         drives = len(self._upper)
         unexplained = np.full(np.shape(sensed.reading), np.nan)
         places, still = np.asarray(sensed.places), np.zeros((drives, drives))
-        reading = np.where(sensed.valid, sensed.reading, np.nan)
-        readings = len(reading)
-        evidence = Evidence(
-            reading,
-            np.zeros(drives),
-            np.zeros((readings, drives)),
-            np.zeros(drives, bool),
-            np.zeros((readings, readings)),
-            sensed.drift,
-        )
+        evidence = None
+        if sensed.drift is not None:
+            reading = np.where(sensed.valid, sensed.reading, np.nan)
+            evidence = Evidence.of_rest(reading, drives, sensed.drift)
         return _Estimated(np.zeros(drives), still, places, as_seen(sensed), unexplained, evidence, [])
 
     def _model_error(self, sensed: Sensed) -> ModelError:

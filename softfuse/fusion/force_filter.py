@@ -123,7 +123,7 @@ class ForceFilter:
     def unknown(self, before: ForceStep, dt_s: float) -> ForceStep:
         """The next frame, dt_s [s] later, in which nothing is known of forces."""
         none = np.zeros(self._drives, bool)
-        change = self._changed(dt_s, dt_s, none, self._any)
+        change = self._changed(dt_s, max(dt_s, _SHORTEST_S), none, self._any)
         later = before.step.known.gone_on(change)
         no = np.zeros(self.readings, bool)
         return ForceStep(Step(change, later, later), no, before.compliance, none, moved=True, known=False)
@@ -195,7 +195,7 @@ class ForceFilter:
         transition[drives, drives] = acting
         noise[drives, drives] = np.where(acting, walk**2, 0.0)
         transition[self._missed] *= acting.any()
-        own, chance = self._drift.step(dt_s, max(period_s, _SHORTEST_S))
+        own, chance = self._drift.step(dt_s, period_s)
         transition[self._drifts, self._drifts] = np.kron(np.eye(self.readings), own)
         noise[self._drifts, self._drifts] = np.kron(np.eye(self.readings), chance / _UNIT_V**2)
         return Change(transition, noise)
@@ -223,7 +223,7 @@ class ForceFilter:
         rows[:, self._missed] = np.diag(self._unit)
         rows[np.arange(self.readings), self._integral] = self._effect
         size = compliance @ evidence.drive
-        white = self._drift.white(max(_period(evidence), _SHORTEST_S))
+        white = self._drift.white(_period(evidence))
         return Reading(evidence.misfit + size, rows, np.hypot(white, self.process.least * size))
 
     def _outlier(
@@ -263,5 +263,5 @@ class ForceFilter:
 
 
 def _period(evidence: Evidence) -> float:
-    """Between readings of the sensors [s]; 0 where it is not known."""
-    return 0.0 if evidence.drift is None else float(evidence.drift.period_s)
+    """Between readings of the sensors [s]."""
+    return max(float(evidence.drift.period_s), _SHORTEST_S)

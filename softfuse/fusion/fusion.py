@@ -115,16 +115,15 @@ class Fusion:
         dt = self._elapsed(now.time_s)
         self.ended = []
         pressed = bool(now.touching.any())
-        drift = now.evidence.drift if now.evidence is not None else None
-        if self._touch is not None and drift is not None:
-            anew = _integral_V2s2(drift) < self._touch.drifted_V2s2
+        if self._touch is not None and now.evidence is not None:
+            anew = _integral_V2s2(now.evidence.drift) < self._touch.drifted_V2s2
             if anew.all() or (pressed and anew.any()):
                 self.ended = self.finish()
         if self._touch is not None:
             joined = self._joined(self._touch, self._touch.frames[-1], dt, now)
-        elif pressed and _told_by(now) is not None and now.evidence is not None and drift is not None:
+        elif pressed and (told := _told_by(now)) is not None:
             self._touch = _Touch()
-            begun = self._forces.begun(drift, now.evidence.compliance)
+            begun = self._forces.begun(told.drift, told.compliance)
             before = _Joined(now.time_s, begun, [None for _ in range(self._forces.contacts)])
             joined = self._joined(self._touch, before, 0.0, now)
         else:
@@ -169,8 +168,7 @@ class Fusion:
             recent.clear()
         if now.evidence is not None:
             touch.largest = max(touch.largest, float(np.nan_to_num(np.abs(now.reading)).max()))
-            if now.evidence.drift is not None:
-                force = self._at_rest(touch, now, now.evidence, now.evidence.drift, force)
+            force = self._at_rest(touch, now, now.evidence, force)
         places = [self._placed(now, c, dt, each) for c, each in enumerate(before.places)]
         return _Joined(now.time_s, force, places)
 
@@ -187,15 +185,13 @@ class Fusion:
         )
         return [(now_s - at, step) for at, step in (settled, recent[0]) if np.isfinite(now_s - at)]
 
-    def _at_rest(
-        self, touch: _Touch, now: Tracked, evidence: Evidence, drift: ReadingDrift, force: ForceStep
-    ) -> ForceStep:
+    def _at_rest(self, touch: _Touch, now: Tracked, evidence: Evidence, force: ForceStep) -> ForceStep:
         """With what each reading says once, when nothing presses any more."""
-        touch.drifted_V2s2 = np.maximum(touch.drifted_V2s2, _integral_V2s2(drift))
+        touch.drifted_V2s2 = np.maximum(touch.drifted_V2s2, _integral_V2s2(evidence.drift))
         if now.touching.any():
             touch.rested = np.zeros(self._forces.readings, bool)
             return force
-        calm = np.asarray(drift.calm) & ~touch.rested & np.isfinite(evidence.misfit)
+        calm = np.asarray(evidence.drift.calm) & ~touch.rested & np.isfinite(evidence.misfit)
         touch.rested = touch.rested | calm
         known = self._forces.rested(force.step.known, evidence, calm, touch.largest)
         return force._replace(step=force.step._replace(known=known))

@@ -206,7 +206,7 @@ def test_a_contact_that_is_lost_sight_of_is_no_release() -> None:
     each = made(HELD, np.random.default_rng(8))
     lost = list(each.found)
     unseen = lost[200].evidence
-    assert unseen is not None and unseen.drift is not None
+    assert unseen is not None
     still = unseen.drift._replace(calm=np.ones(4, bool))
     lost[200] = frame(lost[200].time_s, lost[200].reading, np.zeros((4, 4)), still, 0.0)
     joined, whole = fused_recording(fusion(), lost)
