@@ -19,7 +19,7 @@ class Process:
     process is given up; `patience_s` [s]: for so long places that jump are taken for outliers.
     """
 
-    still_N: float = 0.1
+    still_N: float = 0.05
     settled_s: float = 0.25
     creeping_s: float = 2.0
     still_m: float = 2e-4

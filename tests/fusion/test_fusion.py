@@ -14,7 +14,7 @@ from softfuse.errors import SoftfuseError
 from softfuse.estimation.tracked import Evidence, Tracked
 from softfuse.fusion.force_filter import ForceFilter
 from softfuse.fusion.fusion import Fused, Fusion, fused_recording
-from softfuse.fusion.process import Process
+from softfuse.fusion.process import DEFAULT_PROCESS, Process
 from softfuse.sensing.flow import d6f_p0001a1, flow_drift
 from softfuse.sensing.reading_drift import ReadingDrift
 from softfuse.sensing.status import Status
@@ -100,8 +100,8 @@ def made(force: np.ndarray, rng: np.random.Generator, jumps: np.ndarray | float 
     return Made(np.append(force, 0.0), np.append(drifts, np.zeros((1, 4)), axis=0), found)
 
 
-def fusion(*, keep: bool = True) -> Fusion:
-    return Fusion(ForceFilter(Process(), DRIFT, np.ones((1, 1)), np.array([25.0])), keep=keep)
+def fusion(*, keep: bool = True, process: Process = DEFAULT_PROCESS) -> Fusion:
+    return Fusion(ForceFilter(process, DRIFT, np.ones((1, 1)), np.array([25.0])), keep=keep)
 
 
 def of(frames: list[Fused] | list[Tracked]) -> np.ndarray:
@@ -228,9 +228,9 @@ def test_a_touch_that_follows_at_once_begins_anew() -> None:
 
 def test_a_creeping_force_is_told_from_drift() -> None:
     # Too slow for any single frame to contradict stillness, but much faster than zeros drift.
-    creep = np.concatenate([np.linspace(0.2, 2.0, 10), 2.0 + 0.05 * DT * np.arange(200)])
+    creep = np.concatenate([np.linspace(0.2, 2.0, 10), 2.0 + 0.2 * DT * np.arange(200)])
     each = made(creep, np.random.default_rng(10))
-    joined, whole = fused_recording(fusion(), each.found)
+    joined, whole = fused_recording(fusion(process=Process(still_N=0.2)), each.found)
     np.testing.assert_allclose(of(joined)[100:-1], of(each.found)[100:-1], rtol=0.08)
     np.testing.assert_allclose(of(whole)[100:-1], of(each.found)[100:-1], rtol=0.08)
 
