@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from softfuse.cli.computing import prepare_jax
-from softfuse.config import load
+from softfuse.config import DeviceConfig, load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_evaluation import build_bed
 from softfuse.config.build_tracker import build_tracker
@@ -67,15 +67,14 @@ def main() -> None:
     press, sample, force = (programme.truth[name] for name in ("press", "sample", "true_force_N"))
     cavities, gain = len(plan.flows), config.sensors.flow.sensitivity
     pulled = np.zeros(len(PLACES_MM), bool)
-    for at in np.flatnonzero(sample > 0):
-        volume = [programme.truth[f"true_dV{k}_mm3"][at] for k in range(cavities)]
-        if int(press[at]) % 2:
-            pulled[int(press[at])] = True
-            k, rows = int(np.argmin(np.abs(volume))), round(PULL_S / programme.step_s)
-            values[at : at + rows, k] -= gain * 1e-9 * given.pulls / PULL_S
+    middles, half = np.flatnonzero(sample > 0), 0.5 * given.hold / programme.step_s
+    for middle in middles[press[middles].astype(int) % 2 == 1]:
+        pulled[int(press[middle])] = True
+        volume = [programme.truth[f"true_dV{k}_mm3"][middle] for k in range(cavities)]
+        k, lasting = int(np.argmin(np.abs(volume))), round(PULL_S / programme.step_s)
+        values[middle : middle + lasting, k] -= gain * 1e-9 * given.pulls / PULL_S
     tracker = build_tracker(config, build_device(config))
     found, rows = [], []
-    middles, half = np.flatnonzero(sample > 0), 0.5 * given.hold / programme.step_s
     begins, ends = (middles + round(part * half) for part in (-0.9, 0.9))
     wanted = {*begins.tolist(), *ends.tolist()}
     for i, t in enumerate(time_s.tolist()):
@@ -109,7 +108,7 @@ def main() -> None:
     print(f"readings taken for outliers: {sum(int(each.outlier.sum()) for each in joined)}")
 
 
-def grouped(values: np.ndarray, cavities: int, config) -> tuple[np.ndarray, ...]:
+def grouped(values: np.ndarray, cavities: int, config: DeviceConfig) -> tuple[np.ndarray, ...]:
     """A frame's values as the senses' groups: flow, rows, columns."""
     rows = len(config.sensors.capacitive.row_channels)
     return values[:cavities], values[cavities : cavities + rows], values[cavities + rows :]

@@ -78,8 +78,8 @@ class ForceFilter:
             covariance[at - 2 : at + 1, at - 2 : at + 1] = own / _UNIT_V**2
         begun = Normal(np.zeros(self._size), covariance)
         none = Change(np.eye(self._size), np.zeros_like(covariance))
-        no = np.zeros(self.readings, bool), np.zeros(self._drives, bool)
-        return ForceStep(Step(none, begun, begun), no[0], compliance, no[1])
+        calm, idle = np.zeros(self.readings, bool), np.zeros(self._drives, bool)
+        return ForceStep(Step(none, begun, begun), calm, compliance, idle)
 
     def step(
         self,
@@ -94,31 +94,29 @@ class ForceFilter:
         ago, and no drive acts that did not.
         """
         known, outlier = before.step.known, np.zeros(self.readings, bool)
-        heard, acting = np.isfinite(evidence.misfit), evidence.acting
-        as_before = self._reading(evidence, before.compliance).only(heard)
-        still = self._still(dt_s, evidence)
+        heard, acting, compliance = np.isfinite(evidence.misfit), evidence.acting, before.compliance
+        reading, change = self._reading(evidence, compliance).only(heard), self._still(dt_s, evidence)
         begins = bool(np.any(acting & ~before.acting))
-        contradicted = self._surprising(known, still, as_before) or any(
-            self._contradicted(step, since_s, evidence) for since_s, step in anchors
+        moved = (
+            begins
+            or self._surprising(known, change, reading)
+            or any(self._contradicted(step, since_s, evidence) for since_s, step in anchors)
         )
-        if not (begins or contradicted):
-            return self._stepped(
-                known, still, as_before, ForceStep(before.step, outlier, before.compliance, acting)
-            )
-        anew = self._reading(evidence, evidence.compliance).only(heard)
-        moved = self._moved(dt_s, evidence)
-        if self._surprising(known, moved, anew):
-            if not begins:
-                outlier = self._outlier(known, still, as_before, heard, acting)
+        if moved:
+            anew, free = self._reading(evidence, evidence.compliance).only(heard), self._moved(dt_s, evidence)
+            if self._surprising(known, free, anew):
+                if not begins:
+                    outlier = self._outlier(known, change, reading, heard, acting)
+                moved = not outlier.any()
+                if moved:
+                    outlier = self._outlier(known, free, anew, heard, acting)
+            if moved:
+                change, reading, compliance = free, anew, evidence.compliance
             if outlier.any():
-                still = self._jumped(outlier, known, still, as_before, heard)
-                found = ForceStep(before.step, outlier, before.compliance, acting)
-                return self._stepped(known, still, as_before, found)
-            outlier = self._outlier(known, moved, anew, heard, acting)
-            if outlier.any():
-                moved = self._jumped(outlier, known, moved, anew, heard)
-        found = ForceStep(before.step, outlier, evidence.compliance, acting, moved=True)
-        return self._stepped(known, moved, anew, found, considered=self._drifts)
+                change = self._jumped(outlier, known, change, reading, heard)
+        later = known.gone_on(change)
+        told = later.updated(reading, considered=self._drifts if moved else slice(0))
+        return ForceStep(Step(change, later, told), outlier, compliance, acting, moved)
 
     def unknown(self, before: ForceStep, dt_s: float) -> ForceStep:
         """The next frame, dt_s [s] later, in which nothing is known of forces."""
@@ -157,17 +155,6 @@ class ForceFilter:
         """What readings (k,) are off by, in SI, and the standard deviations of that."""
         variance = np.maximum(np.diag(known.covariance)[self._integral], 0.0)
         return self._effect * known.mean[self._integral], self._unit * np.sqrt(variance)
-
-    def _stepped(
-        self,
-        known: Normal,
-        change: Change,
-        reading: Reading,
-        found: ForceStep,
-        considered: slice = slice(0),
-    ) -> ForceStep:
-        later = known.gone_on(change)
-        return found._replace(step=Step(change, later, later.updated(reading, considered)))
 
     def _contradicted(self, anchor: ForceStep, since_s: float, evidence: Evidence) -> bool:
         """Whether forces cannot have been still for so long [s]."""
