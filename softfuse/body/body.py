@@ -7,6 +7,7 @@ differentiated with respect to materials and rest nodes too.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -27,7 +28,8 @@ class Body(AbstractBody):
     """What does not change while a soft body deforms; elements are sorted by material.
 
     `frames` [m²], `volumes` [m³] and `weight` [N] are what `from_mesh` and `with_rest` compute from rest
-    nodes, densities and gravity: see `Region` and `lagrangian`.
+    nodes, densities and gravity: see `Region` and `lagrangian`. `factors` [-]: how many times as stiff as
+    its material each element is; None: all just as stiff.
     """
 
     rest: Float[Array, "k 3"]
@@ -42,6 +44,7 @@ class Body(AbstractBody):
     displacement_index: Int[Array, "k 3"]
     displacement_unknowns: Int[Array, "3 a e"]
     pressure_unknowns: Int[Array, "c e"]
+    factors: Float[Array, " e"] | None
     element: Element = eqx.field(static=True)
     counts: tuple[int, ...] = eqx.field(static=True)
     n_displacements: int = eqx.field(static=True)
@@ -123,6 +126,7 @@ class Body(AbstractBody):
             displacement_index=jnp.asarray(index, jnp.int32),
             displacement_unknowns=jnp.asarray(index[tets].transpose(2, 1, 0), jnp.int32),
             pressure_unknowns=jnp.asarray(pressures.T, jnp.int32),
+            factors=None,
             element=element,
             counts=tuple(int(np.sum(region == r)) for r in range(len(materials))),
             n_displacements=n_displacements,
@@ -156,6 +160,12 @@ class Body(AbstractBody):
         """The same body of other materials, one for each region; differentiable in their constants."""
         return eqx.tree_at(lambda b: b.materials, self, tuple(materials))
 
+    def with_factors(self, factors: Float[Array, " e"]) -> "Body":
+        """The same body with each element so many times (e,) as stiff as its material; differentiable in
+        them.
+        """
+        return replace(self, factors=factors)
+
     def regions(self) -> Iterator[Region]:
         """The elements of each material."""
         start = 0
@@ -170,6 +180,7 @@ class Body(AbstractBody):
                 self.displacement_unknowns[..., part],
                 self.pressure_unknowns[:, part],
                 self.pressure_unit,
+                None if self.factors is None else self.factors[part],
             )
 
     def lagrangian(self, z: Float[Array, " n"]) -> Float[Array, ""]:

@@ -8,6 +8,8 @@ slopes G_im = Σ_a u_ai ∂N_a/∂ξ_m are the same sums in all elements, and th
 with the points' volumes w [m³]. Back from the stress P = ∂density/∂F, a node's force is Σ_q Σ_m S_im
 ∂N_a/∂ξ_m with S_im = Σ_j P_ij B_mj. The division by w is where XLA stores H instead of computing it again for
 everything that depends on it.
+
+An element that is f times as stiff as its material has all moduli times f: its density is f density(F, p/f).
 """
 
 from typing import NamedTuple
@@ -26,8 +28,8 @@ Slopes = tuple[Float[Array, "3 q e"], Float[Array, "3 q e"], Float[Array, "3 q e
 
 
 class Region(NamedTuple):
-    """One material's elements: B (3, 3, q, e) [m²], w (q, e) [m³], and the unknowns of their displacements
-    (3, a, e) and pressures (c, e).
+    """One material's elements: B (3, 3, q, e) [m²], w (q, e) [m³], the unknowns of their displacements
+    (3, a, e) and pressures (c, e), and how many times as stiff each is (e,), None: all just as stiff.
     """
 
     element: Element
@@ -37,6 +39,7 @@ class Region(NamedTuple):
     displacements: Int[Array, "3 a e"]
     pressures: Int[Array, "c e"]
     pressure_unit: Float[Array, ""]
+    factors: Float[Array, " e"] | None
 
     def strains(self, z: Float[Array, " n_plus_1"]) -> tuple[Slopes, Float[Array, "q e"]]:
         """Natural slopes [m] and pressures [Pa] of unknowns followed by a 0 for those that are held."""
@@ -64,6 +67,11 @@ class Region(NamedTuple):
 
     def density(self, f: Tensor, pressure: Float[Array, "q e"]) -> Float[Array, "q e"]:
         """The element's density [J/m³] at the quadrature points."""
+        if self.factors is None:
+            return self._of_material(f, pressure)
+        return self.factors * self._of_material(f, pressure / self.factors)
+
+    def _of_material(self, f: Tensor, pressure: Float[Array, "q e"]) -> Float[Array, "q e"]:
         return self.element.density(*self.material.measures(f), self.material.lame, pressure)
 
     def energy(self, z: Float[Array, " n_plus_1"]) -> Float[Array, ""]:

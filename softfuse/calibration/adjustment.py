@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
+from softfuse.body.stiffness_field import TERMS, with_field
 from softfuse.equilibrium.punch import PunchContact
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
@@ -162,6 +163,27 @@ class Walls(AbstractAdjustment):
         """The device with its cavities as made."""
         body = _body(device)
         return _with_body(device, body.with_rest(body.rest + jnp.einsum("p,pni->ni", value, self.modes)))
+
+
+class StiffnessField(AbstractAdjustment):
+    """θ (9,): coefficients of the body's stiffness field more than `configured` (9,), see
+    `body.stiffness_field`.
+    """
+
+    sigma: Float[Array, "9"]
+    configured: Float[Array, "9"]
+    names: tuple[str, ...] = eqx.field(
+        static=True, default=tuple(f"stiffness field {term}" for term in TERMS)
+    )
+
+    @classmethod
+    def within(cls, sigma: float, configured: Sequence[float]) -> Self:
+        """With a prior standard deviation of each coefficient [-]."""
+        return cls(sigma=jnp.full(len(TERMS), sigma), configured=jnp.array(configured, float))
+
+    def adjusted(self, device, value):
+        """The device that is stiffer in some parts than in others."""
+        return _with_body(device, with_field(_body(device), self.configured + value))
 
 
 class Gains(AbstractAdjustment):

@@ -101,9 +101,11 @@ def write_report(path: Path, calibrated: Calibrated) -> None:
             "Parameters",
             table(head, [*_rows(fit), *_rows(calibrated.pose)])
             + _paragraph(
-                "Stiffness: factor on all moduli. Stiffening: Yeoh's c2 over c1 that is added. Layer: "
-                "compliance between disc and body, over the configured one or, where none is, over that of a "
-                "hundredth of the disc's radius per shear modulus."
+                "Stiffness: factor on all moduli. Stiffness field: factor on them, over what is configured, "
+                "at the far end of the body along x, y or z, where both axes end for products such as xy, at "
+                "both ends of an axis for squares such as xx. Stiffening: Yeoh's c2 over c1 that is added. "
+                "Layer: compliance between disc and body, over the configured one or, where none is, over "
+                "that of a hundredth of the disc's radius per shear modulus."
             ),
         ),
         (

@@ -4,9 +4,10 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Annotated, Literal, Self
 
-from annotated_types import Ge, Gt, Lt
+from annotated_types import Ge, Gt, Le, Lt
 from pydantic import Field, model_validator
 
+from softfuse.body.stiffness_field import TERMS
 from softfuse.config.material import Material
 from softfuse.config.quantity import Acceleration, Length, LengthUnit, Number, PositiveLength, wrong_value
 from softfuse.config.settings import ExistingFile, NotEmpty, Settings, Span, Vector
@@ -155,8 +156,37 @@ class FixedSettings(Settings):
         return self
 
 
+_Coefficient = Annotated[Number, Ge(-3), Le(3)]
+
+
+class StiffnessFieldSettings(Settings):
+    """Coefficients [-] of ln of how many times as stiff as its materials the body is, from place to place
+    (softfuse/body/stiffness_field.py).
+    """
+
+    x: _Coefficient = 0.0
+    y: _Coefficient = 0.0
+    z: _Coefficient = 0.0
+    xy: _Coefficient = 0.0
+    xz: _Coefficient = 0.0
+    yz: _Coefficient = 0.0
+    xx: _Coefficient = 0.0
+    yy: _Coefficient = 0.0
+    zz: _Coefficient = 0.0
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """(9,) [-], as `with_field` takes them."""
+        return tuple(getattr(self, term) for term in TERMS)
+
+    @property
+    def some(self) -> bool:
+        """Whether any is not 0."""
+        return any(self.coefficients)
+
+
 class BodySettings(Settings):
-    """Mesh, element, materials, held nodes and gravity (3,) m/s².
+    """Mesh, element, materials, how stiff they are from place to place, held nodes and gravity (3,) m/s².
 
     There is one material for each region of the mesh, in ascending order of the regions' numbers.
     """
@@ -164,6 +194,10 @@ class BodySettings(Settings):
     element: Literal["taylor-hood", "quadratic", "linear"] = "taylor-hood"
     source: Source
     materials: Annotated[tuple[Material, ...], NotEmpty] = Field(alias="material")
+    # Without a field it is left out of digests, so that charts made before there were fields are still good.
+    stiffness_field: StiffnessFieldSettings = Field(
+        default=StiffnessFieldSettings(), exclude_if=lambda field: not field.some
+    )
     fixed: FixedSettings
     gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, 0.0)
 

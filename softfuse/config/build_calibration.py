@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.body.body import Body
+from softfuse.body.stiffness_field import TERMS
 from softfuse.calibration.adjustment import (
     AbstractAdjustment,
     Adjustments,
@@ -13,6 +14,7 @@ from softfuse.calibration.adjustment import (
     Layer,
     Stiffening,
     Stiffness,
+    StiffnessField,
     Walls,
 )
 from softfuse.calibration.array_pose import PoseFit, PosePrior
@@ -49,6 +51,9 @@ def build_adjustments(config: DeviceConfig, device: Device, mesh: DeviceMesh) ->
     if may.cavity_shift or may.cavity_growth:
         centres = np.array([np.add(cavity.centre, cavity.shift) for cavity in config.cavities])
         groups.append(Walls.of(mesh.mesh, centres, names, shift=may.cavity_shift, growth=may.cavity_growth))
+    if may.stiffness_field:
+        # After the walls: it is a field over the body as made.
+        groups.append(StiffnessField.within(may.stiffness_field, config.body.stiffness_field.coefficients))
     if may.gain:
         groups.append(Gains.of(names, may.gain))
     if not groups:
@@ -78,6 +83,9 @@ def calibrated_edits(
                 edits["contact", "compliance"] = f"{1e9 * compliance:.6g} mm/MPa"
             case Walls():
                 edits |= _cavities(config, dict(zip(group.names, part, strict=True)))
+            case StiffnessField():
+                for term, coefficient in zip(TERMS, np.asarray(group.configured) + part, strict=True):
+                    edits["body", "stiffness_field", term] = _rounded(coefficient)
             case Gains():
                 assert config.sensors is not None  # build_adjustments has told
                 gain = np.broadcast_to(config.sensors.flow.gain, part.shape) * np.exp(part)

@@ -7,6 +7,7 @@ import numpy as np
 
 from softfuse.body.body import Body
 from softfuse.body.element import ELEMENTS
+from softfuse.body.stiffness_field import with_field
 from softfuse.config.build_attached import build_attached
 from softfuse.config.build_material import build_materials
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
@@ -43,6 +44,8 @@ def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Device
         densities=[material.density for material in config.body.materials],
         gravity=config.body.gravity,
     )
+    if config.body.stiffness_field.some:
+        body = with_field(body, jnp.array(config.body.stiffness_field.coefficients))
     faces = outer_surface(mesh.mesh).faces
     contact = config.contact.contact(faces, mesh.mesh.nodes, config.electrodes)
     if isinstance(contact, PatchContact):

@@ -11,7 +11,8 @@ from softfuse.config.settings import Settings
 class CalibrationSettings(Settings):
     """Prior standard deviations of what `softfuse calibrate` fits; 0: it is taken as configured.
 
-    stiffness: ln of a factor on all moduli; stiffening: Yeoh's c2 over c1; contact_layer: ln of the
+    stiffness: ln of a factor on all moduli; stiffness_field: of each coefficient of [body.stiffness_field];
+    stiffening: Yeoh's c2 over c1; contact_layer: ln of the
     compliance of what lies between a disc and the body; cavity_shift, cavity_growth: of each cavity in place
     and length along x, y and z, in m; gain: ln of what each flow sensor measures over what flows;
     array_shift, array_turn, array_stretch: of the electrodes on the body, in m, rad and as a part;
@@ -19,6 +20,7 @@ class CalibrationSettings(Settings):
     """
 
     stiffness: Annotated[Number, Ge(0)] = 0.5
+    stiffness_field: Annotated[Number, Ge(0)] = 0.0
     stiffening: Annotated[Number, Ge(0)] = 1.0
     contact_layer: Annotated[Number, Ge(0)] = 1.0
     cavity_shift: Annotated[Length, Ge(0)] = 0.3e-3

@@ -3,6 +3,9 @@
 At a point the generalised strain is linear in the amplitudes z = (α, β): F = I + Σ α_k H_k, with the mode's
 displacement gradient H_k, and p = Σ β_k p_k. So no node and no element is left of the mesh: forces and
 tangent are sums over points of what the material's density answers there, times the modes' own strains.
+
+Where the body is f times as stiff as its material, w f density(F, p/f) is the energy of a point with f times
+the volume and pressures over f: as such it is kept.
 """
 
 from collections.abc import Callable

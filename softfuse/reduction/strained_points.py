@@ -21,7 +21,7 @@ def mode_points(
     """Quadrature points of a body under the modes of a basis, those of each material together.
 
     `numbers` (c,): which, counted material by material in the order (q, e) of each; None for all. Their
-    volumes are multiplied by `weights` (c,) [-].
+    volumes are multiplied by `weights` (c,) [-]; what is stiffer than its material, see `ModePoints`.
     """
     count = body.volumes.size
     numbers = np.arange(count) if numbers is None else numbers
@@ -33,14 +33,16 @@ def mode_points(
         own = (numbers >= first) & (numbers < first + region.volumes.size)
         at = numbers[own] - first
         first += region.volumes.size
+        factors = _factors(region, at)
         pieces = [at[k : k + _AT_ONCE] for k in range(0, max(1, len(at)), _AT_ONCE)]
         points = ModePoints.of(
             region.material,
             jnp.asarray(np.concatenate([_gradients(region, moves, each) for each in pieces], axis=1)),
             jnp.asarray(
                 np.concatenate([_pressures(region, presses, body.n_displacements, each) for each in pieces])
+                / factors[:, None]
             ),
-            region.volumes.ravel()[at] * jnp.asarray(weights[own]),
+            region.volumes.ravel()[at] * jnp.asarray(weights[own] * factors),
             body.element,
         )
         found.append(points)
@@ -50,6 +52,13 @@ def mode_points(
 def _followed_by_zeros(modes: Float[np.ndarray, "r m"], rows: int) -> Float[np.ndarray, "rows_plus_1 m"]:
     """Modes with rows of zeros behind, the last of which is that of held unknowns."""
     return np.concatenate([modes, np.zeros((rows + 1 - len(modes), modes.shape[1]))])
+
+
+def _factors(region: Region, at: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """How many times as stiff as its material points `at` (k,) of a region are."""
+    if region.factors is None:
+        return np.ones(len(at))
+    return np.asarray(region.factors)[at % region.volumes.shape[1]]
 
 
 def _gradients(

@@ -1,5 +1,7 @@
 """Element tangents assemble to the Hessian of the Lagrangian, with two materials in one body."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,10 +19,12 @@ _lagrangian, _residual, _action = (
 SIZE = 0.02
 
 
-@pytest.fixture(scope="module", params=sorted(ELEMENTS))
+@pytest.fixture(scope="module", params=[*((name, False) for name in sorted(ELEMENTS)), ("taylor-hood", True)])
 def case(request, box):
-    """A body of twelve curved tets and two materials, strained, with nonzero pressures."""
-    element = ELEMENTS[request.param]
+    """A body of twelve curved tets and two materials, strained, with nonzero pressures; last one whose
+    elements are stiffer or softer than these.
+    """
+    element = ELEMENTS[request.param[0]]
     mesh = mesh_for(element, box([np.array([0.0, 0.6, 1.0]) * SIZE, *[np.array([0.0, SIZE])] * 2]))
     region = (mesh.nodes[mesh.tets[:, :4]].mean(axis=1)[:, 0] > 0.6 * SIZE).astype(np.int32)
     random = np.random.default_rng(1)
@@ -34,6 +38,8 @@ def case(request, box):
         densities=(1000.0, 2000.0),
         gravity=(0.0, 1.0, -9.81),
     )
+    if request.param[1]:
+        body = body.with_factors(jnp.asarray(random.uniform(0.5, 2.0, len(mesh.tets))))
     z = random.normal(size=body.n) * 0.03 * SIZE
     z[body.n_displacements :] = random.normal(size=body.n - body.n_displacements)
     return body, jnp.asarray(z)
@@ -75,19 +81,21 @@ def test_residual_is_the_gradient_of_the_lagrangian(case) -> None:
 
 
 def test_residual_differentiates_like_the_gradient(case) -> None:
-    """In rest nodes and materials, forwards and backwards."""
+    """In rest nodes, materials and factors, forwards and backwards."""
     body, z = case
     random = np.random.default_rng(4)
     left = jnp.asarray(random.normal(size=body.n))
     move = jnp.asarray(random.normal(size=body.rest.shape)) * 0.01 * SIZE
     stiffer = jax.tree.map(lambda leaf: 0.1 * leaf, body.materials)
+    stronger = jax.tree.map(lambda leaf: jnp.asarray(random.uniform(0, 0.1, leaf.shape)), body.factors)
 
     def compared(gradient):
-        def work(rest, materials):
-            return left @ gradient(body.with_rest(rest).with_materials(materials), z)
+        def work(rest, materials, factors):
+            changed = body.with_rest(rest).with_materials(materials)
+            return left @ gradient(replace(changed, factors=factors), z)
 
-        at, along = (body.rest, body.materials), (move, stiffer)
-        return jax.jvp(work, at, along)[1], jax.grad(work, argnums=(0, 1))(*at)
+        at, along = (body.rest, body.materials, body.factors), (move, stiffer, stronger)
+        return jax.jvp(work, at, along)[1], jax.grad(work, argnums=(0, 1, 2))(*at)
 
     forward, backward = jax.jit(lambda: compared(Body.residual))()
     expected, by_energy = jax.jit(lambda: compared(jax.grad(Body.lagrangian, argnums=1)))()

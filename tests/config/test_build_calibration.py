@@ -24,13 +24,17 @@ YEOH = (
     "# Dragon Skin 30; fit it to presses of known force\npoisson = 0.49",
     'law = "yeoh"\nc1 = "92 kPa"\nc2 = "9 kPa"\nc3 = "-0.4 kPa"\nbulk = "9 MPa"',
 )
+FIELD = (
+    ("[body.fixed] ", "[body.stiffness_field]\nx = 0.02\nyz = -0.03\n\n[body.fixed] "),
+    ("[estimator]", "[calibration]\nstiffness_field = 0.1\n[estimator]"),
+)
 STIFF_ONLY = (
     ("[estimator]", "[calibration]\nstiffening = 0\n[estimator]"),
     ('law = "neo-hookean"', 'law = "saint-venant-kirchhoff"'),
 )
 
 
-@pytest.mark.parametrize("changes", [(), (YEOH,), STIFF_ONLY])
+@pytest.mark.parametrize("changes", [(), (YEOH,), STIFF_ONLY, FIELD])
 def test_the_written_device_is_the_fitted_one(
     write: Write, tmp_path: Path, changes: tuple[tuple[str, str], ...]
 ) -> None:
@@ -50,6 +54,11 @@ def test_the_written_device_is_the_fitted_one(
     assert type(law) is type(expected)
     for name in vars(expected):
         np.testing.assert_allclose(getattr(law, name), getattr(expected, name), rtol=1e-5)
+    if fitted.body.factors is None:
+        assert again.body.factors is None
+    else:
+        assert np.ptp(fitted.body.factors) > 0.05
+        np.testing.assert_allclose(again.body.factors, fitted.body.factors, atol=1e-5)
     np.testing.assert_allclose(again.contact.disc.compliance, fitted.contact.disc.compliance, rtol=1e-5)
     gains = [v for name, v in zip(adjustments.names, value, strict=True) if name.endswith("gain")]
     np.testing.assert_allclose(after.sensors.flow.gain, np.exp(gains), rtol=1e-5)

@@ -112,6 +112,21 @@ def test_what_simulation_does_not_need_may_be_left_out(write: Write, pad_text: s
             'element = "taylor" ',
             'body.element: "taylor" is none of "taylor-hood", "quadratic", "linear"',
         ),
+        (
+            "[body.fixed]",
+            "[body.stiffness_field]\nquux = 0.1\n[body.fixed]",
+            "body.stiffness_field.quux: unknown key, the known ones are x, y, z, xy, xz, yz, xx, yy, zz",
+        ),
+        (
+            "[body.fixed]",
+            '[body.stiffness_field]\nx = "2 %"\n[body.fixed]',
+            'body.stiffness_field.x: "2 %" must be a valid number',
+        ),
+        (
+            "[body.fixed]",
+            "[body.stiffness_field]\nx = 20.0\n[body.fixed]",
+            "body.stiffness_field.x: 20.0 must be less than or equal to 3",
+        ),
         ("[body.fixed]", "[body.fix]\n[body.fixed]", 'body.fix: unknown key, did you mean "fixed"?'),
         (
             "surface_size =",

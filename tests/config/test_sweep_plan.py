@@ -112,6 +112,9 @@ def test_a_digest_is_of_what_is_said(tmp_path: Path, write: Write) -> None:
     forced = 'max_force = "25 N"'
     digests = [digest(load(write((forced, f'{forced}\ncompliance = "{c} mm/MPa"')))) for c in (0, 1)]
     assert digests[0] == digest(load(PAD)) != digests[1]
+    fixed = "[body.fixed]"
+    field = [digest(load(write((fixed, f"[body.stiffness_field]\nx = {c}\n{fixed}")))) for c in (0, 0.1, 0.2)]
+    assert field[0] == digest(load(PAD)) and len(set(field)) == 3
 
 
 def test_a_digest_is_of_files_too(write: Write, tmp_path: Path, pad_text: str) -> None:

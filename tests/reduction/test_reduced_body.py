@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, TAYLOR_HOOD, AbstractBody, Body, mesh_for
+from softfuse.body.stiffness_field import with_field
 from softfuse.equilibrium.load import Loads
+from softfuse.equilibrium.multifrontal import Multifrontal
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device, compliance, simulate
 from softfuse.estimation.estimator import Estimator
@@ -91,16 +93,17 @@ def taught(device: Device, stiffness: RestStiffness) -> Taught:
 
 @pytest.fixture(scope="module", params=[TAYLOR_HOOD, LINEAR], ids=lambda element: element.name)
 def heavy(request: pytest.FixtureRequest) -> Body:
-    """Two materials under gravity."""
+    """Two materials under gravity, elements stiffer or softer than these."""
     geometry = PadGeometry((60 * MM, 40 * MM, 18 * MM), (20 * MM, 20 * MM, 6 * MM), ((0.0, 0.0),), 6 * MM)
     mesh = mesh_for(request.param, pad_mesh(geometry, 40 * MM, 40 * MM))
     right = mesh.nodes[mesh.tets[:, :4]].mean(axis=1)[:, 0] > 0
     mesh = tet_mesh(mesh.nodes, mesh.tets, region=right)
     laws = [NeoHookean.from_young(0.6e6, 0.49), MooneyRivlin(6e4, 2e4, 2e6)]
     fixed = mesh.nodes[:, 2] < 1e-9
-    return Body.from_mesh(
+    body = Body.from_mesh(
         mesh, laws, fixed, element=request.param, densities=[1080.0, 1200.0], gravity=[1.0, 2.0, -9.81]
     )
+    return body.with_factors(jnp.asarray(np.random.default_rng(5).uniform(0.5, 2.0, len(mesh.tets))))
 
 
 @pytest.mark.slow
@@ -239,6 +242,31 @@ def test_unseen_presses_are_within_a_percent_of_the_full_body(device, taught, pl
     )
     assert taught.device.body.n < 0.03 * device.body.n
     assert len(taught.chart.sampling.cubature.parts) < 0.1 * device.body.volumes.size
+
+
+@pytest.mark.slow
+def test_a_stiffness_field_is_reduced_with_the_body(device: Device) -> None:
+    """Against the full body, and by far more than it misses of that."""
+    assert isinstance(device.body, Body)
+    body = with_field(device.body, jnp.array([0.3, -0.1, 0.2, 0.1, 0.1, 0.0, 0.2, 0.0, 0.1]))
+    made = replace(device, body=body, linear=Multifrontal.plan(body))
+    stiffness = rest_stiffness(body)
+    chart = teach(
+        made.linear,
+        body,
+        stiffness,
+        device_loads(made),
+        presses(CELL, 8.0, side=2, levels=3, near=6),
+        around=[jnp.asarray(place)[None] for place in CELL.grid(9)],
+        settings=ChartSettings(displacements=45, pressures=18),
+    )
+    small = reduced_device(made, stiffness, chart)
+    place, force = UNSEEN[0]
+    plain, exact, found = (
+        np.asarray(each.reading(simulate(each, at(*place), jnp.array([force])).state))
+        for each in (device, made, small)
+    )
+    assert np.abs(found - exact).max() < 1e-2 * np.abs(exact).max() < 0.1 * np.abs(plain - exact).max()
 
 
 @pytest.mark.slow
