@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import Float, Int
 
+from softfuse.cli.joined_readout import joined_columns, joined_values
 from softfuse.cli.readout import Column
 from softfuse.estimation.tracked import Tracked
 from softfuse.estimation.tracker import Tracker
@@ -18,10 +19,6 @@ from softfuse.experiment.report import picture, table
 from softfuse.fusion.fusion import Fused, Fusion, fused_recording
 
 _TIME = Column("time_s", 4)
-_OF_CONTACT = (
-    *(("force_N", 4), ("force_sigma_N", 4)),
-    *(("x_mm", 3), ("y_mm", 3), ("x_sigma_mm", 3), ("y_sigma_mm", 3)),
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,16 +56,14 @@ class Joined:
         """joined.csv: each frame's forces, places and, as all frames of its touch say, drifts; unknown
         numbers are empty fields.
         """
-        labels = [f"contact{c}_" for c in range(self.contacts)] if self.contacts > 1 else [""]
-        of_each = [Column(label + what, digits) for label in labels for what, digits in _OF_CONTACT]
-        columns = [_TIME, *of_each, *(Column(f"smoothed_{each.name}", each.digits) for each in of_each)]
+        columns = [_TIME, *joined_columns(self.contacts), *joined_columns(self.contacts, "smoothed_")]
         numbers = range(len(self.cavities))
         columns += [Column(f"drift{k}_{what}", 3) for k in numbers for what in ("mm3", "sigma_mm3")]
         with path.open("w", newline="") as stream:
             writer = csv.writer(stream)
             writer.writerow([*(each.name for each in columns), "outliers"])
             for now, whole in zip(self.so_far, self.whole, strict=True):
-                values = [now.time_s, *_of_contacts(now), *_of_contacts(whole)]
+                values = [now.time_s, *joined_values(now), *joined_values(whole)]
                 values += (1e9 * np.stack([whole.drift, whole.drift_sigma], axis=1)).ravel().tolist()
                 told = [each.written(value) for each, value in zip(columns, values, strict=True)]
                 writer.writerow([*told, "; ".join(self._outliers(now))])
@@ -113,10 +108,3 @@ class Joined:
         """What was not believed in a frame."""
         names = [name for name, out in zip(self.cavities, now.outlier, strict=True) if out]
         return [*names, *(["place"] if now.place_outlier.any() else [])]
-
-
-def _of_contacts(fused: Fused) -> list[float]:
-    sigma = np.sqrt(np.maximum(np.diag(fused.force_covariance_N2), 0.0))
-    force = np.stack([fused.contact_force_N, sigma], axis=1)
-    places = 1e3 * np.concatenate([fused.location_m, fused.location_sigma_m], axis=1)
-    return np.concatenate([force, places], axis=1).ravel().tolist()

@@ -6,6 +6,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from softfuse.cli.joined_readout import joined_words
 from softfuse.cli.terminal import printable
 from softfuse.hardware.live.session import Published, Session, SessionReport
 from softfuse.hardware.stream import HostClock, Notice
@@ -55,6 +56,8 @@ class LiveDisplay:
                 x, y, z = 1e3 * newest.tracked.location_m[c]
                 force = newest.tracked.contact_force_N[c]
                 table.add_row(f"contact {c}", f"{force:.2f} N at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
+                if newest.joined is not None:
+                    table.add_row("    joined", joined_words(newest.joined, c))
         return table
 
     def _health(self, report: SessionReport) -> Table:

@@ -1,10 +1,12 @@
 """What `softfuse run` and `softfuse replay` are put together from."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from softfuse.cli.readout import AbstractReadout, Value, readout_of
+from softfuse.cli.joined_readout import joined_columns, joined_values
+from softfuse.cli.readout import AbstractReadout, Column, Value, readout_of
 from softfuse.cli.recorded import sensor_columns
 from softfuse.config import DeviceConfig
 from softfuse.config.build_device import build_device
@@ -15,19 +17,23 @@ from softfuse.equilibrium.solution import State
 from softfuse.estimation.device import Device
 from softfuse.estimation.tracked import Tracked
 from softfuse.estimation.tracker import Tracker
+from softfuse.fusion.fusion import Fused, Fusion
 from softfuse.hardware.live.follower import ChannelGroup, Fields, Follower
 from softfuse.hardware.record.entries import Kind
 
 
 @dataclass(frozen=True, eq=False)
 class Estimating:
-    """A device and what estimates it: everything behind the frames."""
+    """A device and what estimates it: everything behind the frames. `joined`: the columns of joined frames,
+    none for a device whose frames are not joined, see `Fusion.joins`.
+    """
 
     config: DeviceConfig
     mesh: DeviceMesh
     device: Device
     tracker: Tracker
     readout: AbstractReadout
+    joined: tuple[Column, ...]
     follower: Follower
 
     @property
@@ -38,7 +44,8 @@ class Estimating:
     @property
     def columns(self) -> dict[str, Kind]:
         """The columns of an estimate in a session, and their kinds."""
-        return {c.name: "string" if c.digits is None else "number" for c in self.readout.columns}
+        columns = [*self.readout.columns, *self.joined]
+        return {c.name: "string" if c.digits is None else "number" for c in columns}
 
 
 def estimating(config: DeviceConfig, charts: Path | None = None) -> Estimating:
@@ -54,12 +61,17 @@ def estimating(config: DeviceConfig, charts: Path | None = None) -> Estimating:
     tracker = build_tracker(config, with_charts(config, device, charts))
     assert config.sensors is not None  # sensor_columns has told
     groups = [ChannelGroup(names, unit) for names, unit in config.sensors.groups]
+    fusion = Fusion.of(tracker) if Fusion.joins(tracker) else None
+    joined = () if fusion is None else tuple(joined_columns(len(tracker.adding), "joined_"))
 
-    def read(now: Tracked, state: State) -> Fields:
-        values = zip(readout.columns, readout.read(now, state), strict=True)
-        return {column.name: _plain(value) for column, value in values}
+    def read(now: Tracked, fused: Fused | None, state: State) -> Fields:
+        together = [math.nan] * len(joined) if fused is None else joined_values(fused)
+        values = [*readout.read(now, state), *together]
+        columns = (*readout.columns, *joined)
+        return {column.name: _plain(value) for column, value in zip(columns, values, strict=True)}
 
-    return Estimating(config, mesh, device, tracker, readout, Follower(tracker, groups, read))
+    follower = Follower(tracker, groups, fusion, read)
+    return Estimating(config, mesh, device, tracker, readout, joined, follower)
 
 
 def _plain(value: Value | Any) -> float | str | None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from softfuse.cli.joined_readout import joined_words
 from softfuse.cli.readout import AbstractReadout
 from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
@@ -44,11 +45,7 @@ class Pictures:
         self._shown_s = now.host_s
         tracked, state = now.tracked, self._tracker.state
         at, force = self._readout.forces(tracked, state)
-        numbers = {
-            column.name: float(value)
-            for column, value in zip(self._readout.columns, self._readout.read(tracked, state), strict=True)
-            if not isinstance(value, str)
-        }
+        numbers = {name: value for name, value in now.fields.items() if isinstance(value, float)}
         forces = {f"force/{name}": value for name, value in numbers.items() if name.endswith("_N")}
         others = {f"model/{name}": value for name, value in numbers.items() if not name.endswith("_N")}
         channels = {f"channels/{name}": float(value) for name, value in now.channels.items()}
@@ -65,6 +62,15 @@ class Pictures:
                 force,
                 {**forces, **others, **channels, **took},
                 self._readout.image(tracked),
-                "; ".join(str(status) for status in tracked.statuses),
+                _in_words(now),
             )
         )
+
+
+def _in_words(now: Published) -> str:
+    """An estimate's statuses, and what frames say together."""
+    lines = ["; ".join(str(status) for status in now.tracked.statuses)]
+    if now.joined is not None:
+        touching = np.flatnonzero(now.tracked.touching)
+        lines += [f"contact {c}, joined: {joined_words(now.joined, c)}" for c in touching.tolist()]
+    return "\n".join(lines)

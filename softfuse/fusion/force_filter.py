@@ -70,6 +70,7 @@ class ForceFilter:
         self._any = _ANY * range_
         self._unit = np.abs(self._effect)
         self._integral = self._missed.stop + 2 + 3 * np.arange(self.readings)
+        drift.step(_SHORTEST_S, _SHORTEST_S)  # compiled here, not while the first contact waits for it
 
     def begun(self, drift: ReadingDrift, compliance: Float[np.ndarray, "k D"]) -> ForceStep:
         """Before the first frame: nothing presses."""

@@ -46,6 +46,11 @@ class Fused:
     place_outlier: Bool[np.ndarray, " c"]
 
     @property
+    def contact_sigma_N(self) -> Float[np.ndarray, " c"]:
+        """Standard deviation (c,) of each contact's force [N]."""
+        return np.sqrt(np.maximum(np.diag(self.force_covariance_N2), 0.0))
+
+    @property
     def force_N(self) -> float:
         """Sum of the contacts' forces [N]."""
         return float(self.contact_force_N.sum())

@@ -39,7 +39,9 @@ class DriftModel(eqx.Module):
         """The transition (3, 3) over dt_s [s] in one reading, and what comes by chance (3, 3), of sensors
         that are read every period_s [s].
         """
-        transition, noise = _transition(self.zero, dt_s, max(dt_s / period_s, 1.0))
+        # Numbers of one type, whatever they came as: of another this would be compiled once more.
+        samples = np.float64(max(dt_s / period_s, 1.0))
+        transition, noise = _transition(self.zero, np.float64(dt_s), samples)
         return np.asarray(transition), np.asarray(noise)
 
     def white(self, period_s: float) -> Float[np.ndarray, " k"]:

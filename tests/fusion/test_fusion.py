@@ -6,6 +6,7 @@ what must come out is known.
 
 from dataclasses import dataclass, replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -265,6 +266,19 @@ def test_live_frames_are_joined_as_recorded_ones() -> None:
     joined, _ = fused_recording(fusion(), each.found)
     np.testing.assert_array_equal(of(found), of(joined))
     assert live.ended == [] and live.finish() == []
+
+
+def test_nothing_is_compiled_while_frames_come() -> None:
+    each = made(HELD[:40], np.random.default_rng(12)).found
+    jax.clear_caches()
+    live = fusion(keep=False)
+    events: list[str] = []
+    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: events.append(name))
+    # Times may be any kind of number.
+    for k, now in enumerate(each):
+        live.update(replace(now, time_s=np.float64(now.time_s)) if k % 2 else now)
+    jax.monitoring.clear_event_listeners()
+    assert not [name for name in events if "compile" in name or "trace" in name]
 
 
 def test_nothing_touches() -> None:

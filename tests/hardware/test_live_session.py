@@ -44,7 +44,7 @@ class Follower:
             raise ZeroDivisionError("a fault of ours")
         self.sensed.append(float(frame.values[0]))
 
-    def estimate(self) -> tuple[Tracked, dict[str, float]]:
+    def estimate(self) -> tuple[Tracked, None, dict[str, float]]:
         time.sleep(self.seconds)
         self.estimated.append(self.sensed[-1])
         nothing = np.zeros(0)
@@ -54,7 +54,7 @@ class Follower:
             *(nothing > 0, place, sure, nothing, covariance, place, covariance, *[nothing] * 4),
             *(None, None, (Status.ok,), self.seconds),
         )
-        return tracked, {"seen": self.sensed[-1]}
+        return tracked, None, {"seen": self.sensed[-1]}
 
 
 def chunks(count: int) -> list[Chunk]:

@@ -69,7 +69,7 @@ class Replay:
                 yield self._estimate(number, frame)
 
     def _estimate(self, number: int, frame: Assembled) -> Published:
-        tracked, fields = self._follower.estimate()
+        tracked, joined, fields = self._follower.estimate()
         recorded = self._wanted.get(number)
         if recorded is not None:
             statuses = tuple(str(status) for status in tracked.statuses)
@@ -78,7 +78,7 @@ class Replay:
             elif self._first is None:
                 self._first = number
         channels = dict(zip(self._pipeline.wanted, frame.values.tolist(), strict=True))
-        return Published(number, frame.time_s, channels, tracked, fields, tracked.latency_s)
+        return Published(number, frame.time_s, channels, tracked, joined, fields, tracked.latency_s)
 
     def _frames(self) -> Iterator[Assembled]:
         """Frames out of the recorded bytes, or as they are where a session has none, as converted ones do."""

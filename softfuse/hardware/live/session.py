@@ -15,6 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from softfuse.estimation.tracked import Tracked
+from softfuse.fusion.fusion import Fused
 from softfuse.hardware.live.assembler import Assembled
 from softfuse.hardware.live.follower import Fields, Follower
 from softfuse.hardware.live.frame_queue import FrameQueue
@@ -33,13 +34,15 @@ class Published:
     """An estimate for publishers.
 
     `number`: of the frame; `host_s`: its time in seconds since the epoch; `channels`: what was read, in the
-    units of the names; `fields`: what people read of the estimate; `end_to_end_s`: from the last byte.
+    units of the names; `joined`: what it says together with those before, if anything; `fields`: what
+    people read of the estimate; `end_to_end_s`: from the last byte.
     """
 
     number: int
     host_s: float
     channels: Mapping[str, float]
     tracked: Tracked
+    joined: Fused | None
     fields: Fields
     end_to_end_s: float
 
@@ -201,7 +204,7 @@ class Session:
         for _, frame in batch:
             self._follower.sense(frame, self._start_s)
         number, frame = batch[-1]
-        tracked, fields = self._follower.estimate()
+        tracked, joined, fields = self._follower.estimate()
         now = self._clock.now_s()
         elapsed = now - frame.arrived_s
         self._sensed += len(batch)
@@ -220,7 +223,7 @@ class Session:
             )
         )
         channels = dict(zip(self._pipeline.wanted, frame.values.tolist(), strict=True))
-        published = Published(number, frame.time_s, channels, tracked, fields, elapsed)
+        published = Published(number, frame.time_s, channels, tracked, joined, fields, elapsed)
         for publish in self._publish:
             publish(published)
 
