@@ -9,7 +9,8 @@ sensors and its electrodes are read through their electronics at 100 Hz. In ever
 of each hold, a cavity that is not pressed breathes in so much air within 0.3 s without any force. Printed, of
 presses without and with that, at the ends of holds: the mean and the largest error of the force, by how much
 it has changed since the hold began, although the force has not, and how often the truth is within the 90 %
-interval, of single frames, of all frames so far joined, and of all frames of the touch.
+interval, then and as the hold began, when zeros have hardly drifted, of single frames, of all frames so far
+joined, and of all frames of the touch.
 """
 
 import argparse
@@ -89,21 +90,17 @@ def main() -> None:
         print(f"{name}: {len(holds)} holds of {given.hold:g} s")
         for label, frames in (("frame by frame", found), ("joined", joined), ("smoothed", whole)):
             first, last = ([frames[at[hold[n]]] for hold in holds] for n in (0, 1))
-            true, began, ended, sigma = (
-                np.array(each)
-                for each in (
-                    [force[e] for _, e in holds],
-                    [each.force_N for each in first],
-                    [each.force_N for each in last],
-                    [each.force_sigma_N for each in last],
-                )
-            )
+            true = np.array([force[e] for _, e in holds])
+            began, ended = (np.array([each.force_N for each in frames]) for frames in (first, last))
             off, gone = 100 * np.abs(ended / true - 1), ended - began
-            inside = np.abs(ended - true) < NINETY * sigma
+            inside = [
+                100 * np.mean([abs(each.force_N - f) < NINETY * each.force_sigma_N for each, f in told])
+                for told in (zip(frames, true, strict=True) for frames in (first, last))
+            ]
             print(
                 f"  {label}: off by {off.mean():.2f} %, {off.max():.1f} % at most; "
                 f"gone by {np.sqrt(np.mean(gone**2)):.3f} N (rms), {np.abs(gone).max():.3f} N at most; "
-                f"{100 * inside.mean():.0f} % within 1.645 sigma"
+                f"{inside[1]:.0f} % within 1.645 sigma, {inside[0]:.0f} % as the hold began"
             )
     print(f"readings taken for outliers: {sum(int(each.outlier.sum()) for each in joined)}")
 

@@ -223,5 +223,6 @@ def _report_like(device: Device, drive: jax.ShapeDtypeStruct, seen: Observation)
     offset = None if seen.prior is None else seen.prior.offset
     unknowns = drives + (0 if offset is None else offset.size)
     number = jnp.zeros(())
-    misfit, w, information = jnp.zeros(k), jnp.zeros((k, drives)), jnp.zeros((unknowns, unknowns))
-    return Stepped(jnp.zeros(drives), StepReport(misfit, w, information, offset, *[number] * 6))
+    misfit, w, g = jnp.zeros(k), jnp.zeros((k, drives)), jnp.zeros((k, unknowns - drives))
+    information = jnp.zeros((unknowns, unknowns))
+    return Stepped(jnp.zeros(drives), StepReport(misfit, w, g, information, offset, *[number] * 6))

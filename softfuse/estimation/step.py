@@ -92,19 +92,21 @@ class Observation(NamedTuple):
 class StepReport(NamedTuple):
     """How good a step was.
 
-    `misfit` (k,): measured minus modelled reading after it; `compliance` (k, D): W; `information` (D + P, D +
-    P): half the second derivative of the QP's cost in drives and the numbers η (P,) of places that are not
-    known, the inverse covariance of those that are within their limits; `offset` (c, 2) [m]: o after it, None
-    where places are known; `kkt`: optimality of the QP, in units of the drives; `taken` [-]: the part of the
-    QP's step that was taken, below 1 where it was shortened to `Limits.motion`; `unbalanced` [N]: largest
-    nodal force out of balance before it; `contraction` [-]: by how much the first refinement shrank the error
-    of the linear solves (of a live step without refinements: how far the next one goes for what this one left
-    out of balance, as a part of it); `least_volume_ratio` [-]: smallest det F after it; `truncation` [-]:
-    what part of a reduced body's state its last modes are.
+    `misfit` (k,): measured minus modelled reading after it; `compliance` (k, D): W; `by_place` (k, P): G per
+    metre of x and y of each contact, 0 where places are known; `information` (D + P, D + P): half the second
+    derivative of the QP's cost in drives and the numbers η (P,) of places that are not known, the inverse
+    covariance of those that are within their limits; `offset` (c, 2) [m]: o after it, None where places are
+    known; `kkt`: optimality of the QP, in units of the drives; `taken` [-]: the part of the QP's step that
+    was taken, below 1 where it was shortened to `Limits.motion`; `unbalanced` [N]: largest nodal force out of
+    balance before it; `contraction` [-]: by how much the first refinement shrank the error of the linear
+    solves (of a live step without refinements: how far the next one goes for what this one left out of
+    balance, as a part of it); `least_volume_ratio` [-]: smallest det F after it; `truncation` [-]: what part
+    of a reduced body's state its last modes are.
     """
 
     misfit: Float[Array, " k"]
     compliance: Float[Array, "k D"]
+    by_place: Float[Array, "k P"]
     information: Float[Array, "DP DP"]
     offset: Float[Array | np.ndarray, "c 2"] | None
     kkt: Float[Array, ""]
@@ -194,6 +196,7 @@ def advance(
     return after, StepReport(
         innovation - w @ change,
         w[:, :drives],
+        w[:, drives:],
         hessian,
         None if prior is None else (back + change)[drives:].reshape(prior.offset.shape),
         kkt,

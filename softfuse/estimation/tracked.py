@@ -23,27 +23,36 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the readings of one frame say of the drives, whatever was known before: those are off by `misfit`
-    from drives u₀ on, y − s(u₀) = W (u − u₀) + error.
+    """What the readings of one frame say of the drives and of places, whatever was known before: those are
+    off by `misfit` from drives u₀ at places p₀ on, y − s(u₀, p₀) = W (u − u₀) + G (p − p₀) + error.
 
-    `misfit` (k,) in SI, NaN where a reading took no part; `drive` u₀ (D,); `compliance` W (k, D); `acting`
-    (D,): drives that may be other than 0; `model` (k, k): covariance of the model's error; `drift`: what
-    readings drift by.
+    `misfit` (k,) in SI, NaN where a reading took no part; `drive` u₀ (D,); `compliance` W (k, D); `place_m`
+    p₀ (P,): x and y of each contact, and `by_place` G (k, P), 0 where readings were not to tell places;
+    `seen_m`, `seen_sigma_m` (P,): what the senses alone say of places, and its standard deviation, NaN where
+    they say nothing; `acting` (D,): drives that may be other than 0; `model` (k, k): covariance of the
+    model's error; `drift`: what readings drift by.
     """
 
     misfit: Float[np.ndarray, " k"]
     drive: Float[np.ndarray, " D"]
     compliance: Float[np.ndarray, "k D"]
+    place_m: Float[np.ndarray, " P"]
+    by_place: Float[np.ndarray, "k P"]
+    seen_m: Float[np.ndarray, " P"]
+    seen_sigma_m: Float[np.ndarray, " P"]
     acting: Bool[np.ndarray, " D"]
     model: Float[np.ndarray, "k k"]
     drift: ReadingDrift
 
     @classmethod
-    def of_rest(cls, reading: Float[np.ndarray, " k"], drives: int, drift: ReadingDrift) -> Self:
-        """Readings (k,) of a body on which none of so many drives acts."""
-        k = len(reading)
-        nothing = np.zeros(drives), np.zeros((k, drives)), np.zeros(drives, bool), np.zeros((k, k))
-        return cls(reading, *nothing, drift)
+    def of_rest(
+        cls, reading: Float[np.ndarray, " k"], drives: int, contacts: int, drift: ReadingDrift
+    ) -> Self:
+        """Readings (k,) of a body on which none of so many drives of contacts acts."""
+        k, places = len(reading), 2 * contacts
+        nowhere = np.full(places, np.nan)
+        unmoved = np.zeros(drives), np.zeros((k, drives)), np.zeros(places), np.zeros((k, places))
+        return cls(reading, *unmoved, nowhere, nowhere, np.zeros(drives, bool), np.zeros((k, k)), drift)
 
 
 @dataclass(frozen=True, eq=False)

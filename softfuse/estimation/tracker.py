@@ -260,7 +260,18 @@ class Tracker:
             )
             acting = np.asarray(limits.upper > limits.lower)
             compliance = np.asarray(found.report.compliance)
-            evidence = Evidence(misfit, found.drive, compliance, acting, lasting, sensed.drift)
+            evidence = Evidence(
+                misfit,
+                found.drive,
+                compliance,
+                places[:, :2].ravel(),
+                np.asarray(found.report.by_place),
+                np.asarray(sensed.location_m)[:, :2].ravel(),
+                np.asarray(sensed.location_sigma_m).ravel(),
+                acting,
+                lasting,
+                sensed.drift,
+            )
         return _Estimated(found.drive, covariance, places, placed, misfit, evidence, doubts)
 
     def _nothing(self, sensed: Sensed) -> _Estimated:
@@ -271,7 +282,7 @@ class Tracker:
         evidence = None
         if sensed.drift is not None:
             reading = np.where(sensed.valid, sensed.reading, np.nan)
-            evidence = Evidence.of_rest(reading, drives, sensed.drift)
+            evidence = Evidence.of_rest(reading, drives, len(places), sensed.drift)
         return _Estimated(np.zeros(drives), still, places, as_seen(sensed), unexplained, evidence, [])
 
     def _model_error(self, sensed: Sensed) -> ModelError:

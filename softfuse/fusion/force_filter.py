@@ -1,19 +1,22 @@
 """Forces and sensors' drift from one frame to the next.
 
-State x = (u, m, δ): drives u (D,), what the model misses of each of k readings m (k,), and what each sensor
-drifts by, δ (3,), see `sensing.reading_drift`. A frame says
+State x = (u, p, b, m, δ): drives u (D,), places p (P,), x and y of each contact, by how much what sees these
+is off b (P,), what the model misses of each of k readings m (k,), and what each sensor drifts by, δ (3,), see
+`sensing.reading_drift`. A frame, and what sees contacts at p̂, say
 
-    y − s(u₀) + W u₀ = W u + m + diag(ρ) δ₃ + v.
+    y − s(u₀, p₀) + W u₀ + G p₀ = W u + G p + m + diag(ρ) δ₃ + v,    p̂ = p + b + w.
 
-δ goes on as the zero of a sensor does. While forces are still, u walks slowly at random and m stays, so that
-what readings show besides is drift. Where a frame contradicts that, forces have moved: u may be anything and
-m is new, of the covariance of the model's error. Drift is not learnt from such frames, as the errors of the
-model in one after the other are not independent; that also is why m is not averaged away. Where a frame
-contradicts that as well, but only in one reading, this is an outlier: what was integrated is off by as much
-from there on. W changes only as forces move, lest its jitter tell u from m.
+δ goes on as the zero of a sensor does. While forces are still, u and p walk slowly at random, m and b stay,
+so that what readings show besides is drift. Where a frame contradicts that, forces have moved: u and p may be
+anything, and of m and b as much is new as readings have changed and contacts have gone since. They and drift
+are not learnt from such frames, in which the model lags behind: so each error tells of drift once, however
+often forces move, and none is averaged away. Where a frame contradicts that as well, but only in one reading,
+this is an outlier: what was integrated is off by as much from there on. W and G change only as forces move,
+lest their jitter tell u from m.
 """
 
 from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +25,7 @@ from jaxtyping import Bool, Float
 from softfuse.estimation.tracked import Evidence
 from softfuse.fusion.normal import Change, Normal, Reading, Step
 from softfuse.fusion.process import Process
-from softfuse.sensing.reading_drift import DriftModel, ReadingDrift
+from softfuse.sensing.reading_drift import DriftModel
 
 _UNIT_V = 1e-3
 """Of δ in the state: drifts are some millivolts."""
@@ -33,15 +36,24 @@ _SHORTEST_S = 1e-3
 _ANY = 100.0
 """Of a range: standard deviation of drives that may be anything, as good as infinite."""
 
+_UNIT_M = 1e-4
+"""Of places in the state."""
+
+_CERTAIN = 1e-2
+"""Of noise, of the unit of places: no standard deviation is smaller."""
+
+_ANYWHERE_M = 0.1
+"""Standard deviation of places that may be anywhere."""
+
 
 class ForceStep(NamedTuple):
-    """A frame's step, which readings (k,) were outliers, W (k, D) when forces moved last, which drives (D,)
-    act, whether they moved, and whether forces are known.
+    """A frame's step, which readings (k,) were outliers, the evidence when forces moved last, which drives
+    (D,) act, whether they moved, and whether forces are known.
     """
 
     step: Step
     outlier: Bool[np.ndarray, " k"]
-    compliance: Float[np.ndarray, "k D"]
+    since: Evidence
     acting: Bool[np.ndarray, " D"]
     moved: bool = False
     known: bool = True
@@ -64,23 +76,25 @@ class ForceFilter:
         self._effect = np.asarray(drift.effect) * _UNIT_V
         self._range, self.readings, self.contacts = range_, len(self._effect), len(adding)
         self._drives, self._forces = len(range_), adding.shape[1]
-        self._size = self._drives + 4 * self.readings
-        self._missed = slice(self._drives, self._drives + self.readings)
-        self._drifts = slice(self._missed.stop, None)
+        numbers = 2 * self.contacts, 2 * self.contacts, self.readings, 3 * self.readings
+        ends = self._drives + np.cumsum([0, *numbers])
+        self._places, self._off, self._missed, self._drifts = map(slice, ends[:-1], ends[1:])
+        self._size, self._lasting = int(ends[-1]), slice(self._off.start, None)
         self._any = _ANY * range_
         self._unit = np.abs(self._effect)
-        self._integral = self._missed.stop + 2 + 3 * np.arange(self.readings)
+        self._integral = self._drifts.start + 2 + 3 * np.arange(self.readings)
         drift.step(_SHORTEST_S, _SHORTEST_S)  # compiled here, not while the first contact waits for it
 
-    def begun(self, drift: ReadingDrift, compliance: Float[np.ndarray, "k D"]) -> ForceStep:
-        """Before the first frame: nothing presses."""
+    def begun(self, evidence: Evidence) -> ForceStep:
+        """Before the first frame, which says this: nothing presses."""
         covariance = np.zeros((self._size, self._size))
-        for at, own in zip(self._integral, np.asarray(drift.covariance), strict=True):
+        for at, own in zip(self._integral, np.asarray(evidence.drift.covariance), strict=True):
             covariance[at - 2 : at + 1, at - 2 : at + 1] = own / _UNIT_V**2
         begun = Normal(np.zeros(self._size), covariance)
         none = Change(np.eye(self._size), np.zeros_like(covariance))
+        nothing = replace(evidence, drive=np.zeros(self._drives))
         calm, idle = np.zeros(self.readings, bool), np.zeros(self._drives, bool)
-        return ForceStep(Step(none, begun, begun), calm, compliance, idle)
+        return ForceStep(Step(none, begun, begun), calm, nothing, idle)
 
     def step(
         self,
@@ -95,8 +109,8 @@ class ForceFilter:
         ago, and no drive acts that did not.
         """
         known, outlier = before.step.known, np.zeros(self.readings, bool)
-        heard, acting, compliance = np.isfinite(evidence.misfit), evidence.acting, before.compliance
-        reading, change = self._reading(evidence, compliance).only(heard), self._still(dt_s, evidence)
+        acting, since = evidence.acting, before.since
+        reading, change = self._reading(evidence, since), self._still(dt_s, evidence)
         begins = bool(np.any(acting & ~before.acting))
         moved = (
             begins
@@ -104,28 +118,29 @@ class ForceFilter:
             or any(self._contradicted(step, since_s, evidence) for since_s, step in anchors)
         )
         if moved:
-            anew, free = self._reading(evidence, evidence.compliance).only(heard), self._moved(dt_s, evidence)
+            anew, free = self._reading(evidence, evidence), self._moved(dt_s, evidence, since)
             if self._surprising(known, free, anew):
                 if not begins:
-                    outlier = self._outlier(known, change, reading, heard, acting)
+                    outlier = self._outlier(known, change, reading, acting)
                 moved = not outlier.any()
                 if moved:
-                    outlier = self._outlier(known, free, anew, heard, acting)
+                    outlier = self._outlier(known, free, anew, acting)
             if moved:
-                change, reading, compliance = free, anew, evidence.compliance
+                change, reading, since = free, anew, evidence
             if outlier.any():
-                change = self._jumped(outlier, known, change, reading, heard)
+                change = self._jumped(outlier, known, change, reading)
         later = known.gone_on(change)
-        told = later.updated(reading, considered=self._drifts if moved else slice(0))
-        return ForceStep(Step(change, later, told), outlier, compliance, acting, moved)
+        told = later.updated(_heard(reading), considered=self._lasting if moved else slice(0))
+        return ForceStep(Step(change, later, told), outlier, since, acting, moved)
 
     def unknown(self, before: ForceStep, dt_s: float) -> ForceStep:
         """The next frame, dt_s [s] later, in which nothing is known of forces."""
         none = np.zeros(self._drives, bool)
         change = self._changed(dt_s, max(dt_s, _SHORTEST_S), none, self._any)
+        self._relocated(change)
         later = before.step.known.gone_on(change)
         no = np.zeros(self.readings, bool)
-        return ForceStep(Step(change, later, later), no, before.compliance, none, moved=True, known=False)
+        return ForceStep(Step(change, later, later), no, before.since, none, moved=True, known=False)
 
     def rested(
         self, known: Normal, evidence: Evidence, calm: Bool[np.ndarray, " k"], largest: float
@@ -133,12 +148,11 @@ class ForceFilter:
         """With what readings say that are calm (k,), as the body is at rest again after readings of up to
         `largest`.
         """
-        reading = self._reading(evidence, evidence.compliance)
-        rows = np.where(np.arange(self._size) < self._missed.stop, 0.0, reading.rows)
-        sigma = np.hypot(reading.sigma, self.process.creep * largest)
-        at_rest = Reading(reading.value, rows, sigma)
+        reading, own = self._reading(evidence, evidence), np.arange(self.readings)
+        rows = np.where(np.arange(self._size) < self._drifts.start, 0.0, reading.rows)[own]
+        sigma = np.hypot(reading.sigma[own], self.process.creep * largest)
+        at_rest = Reading(reading.value[own], rows, sigma)
         # What is far from any drift is no rest: something still presses that is not seen.
-        own = np.arange(self.readings)
         credible = [
             bool(calm[k]) and not self.process.surprising(known.surprise(at_rest.only(own == k)), 1)
             for k in own
@@ -159,11 +173,12 @@ class ForceFilter:
 
     def _contradicted(self, anchor: ForceStep, since_s: float, evidence: Evidence) -> bool:
         """Whether forces cannot have been still for so long [s]."""
-        reading = self._reading(evidence, anchor.compliance).only(np.isfinite(evidence.misfit))
+        reading = self._reading(evidence, anchor.since)
         return self._surprising(anchor.step.known, self._still(since_s, evidence), reading)
 
     def _surprising(self, known: Normal, change: Change, reading: Reading) -> bool:
         """Whether readings contradict a change."""
+        reading = _heard(reading)
         numbers = len(reading.value)
         surprise = known.gone_on(change).surprise(reading)
         return numbers > 0 and self.process.surprising(surprise, numbers)
@@ -175,14 +190,11 @@ class ForceFilter:
         acting: Bool[np.ndarray, " D"],
         walk: Float[np.ndarray, " D"],
     ) -> Change:
-        """Of drives that act or not and walk by (D,), and of drifts; what the model misses stays as long as
-        something acts.
-        """
+        """Of drives that act or not and walk by (D,), and of drifts; all else stays."""
         transition, noise = np.eye(self._size), np.zeros((self._size, self._size))
         drives = np.arange(self._drives)
         transition[drives, drives] = acting
         noise[drives, drives] = np.where(acting, walk**2, 0.0)
-        transition[self._missed] *= acting.any()
         own, chance = self._drift.step(dt_s, period_s)
         transition[self._drifts, self._drifts] = np.kron(np.eye(self.readings), own)
         noise[self._drifts, self._drifts] = np.kron(np.eye(self.readings), chance / _UNIT_V**2)
@@ -195,44 +207,88 @@ class ForceFilter:
         transition, noise = self._changed(dt_s, _period(evidence), evidence.acting, np.sqrt(dt_s) * walk)
         size = np.abs(evidence.compliance @ evidence.drive) / self._unit
         noise[self._missed, self._missed] = np.diag(size**2) * self.process.wander**2 * dt_s
+        noise[self._places, self._places] = (
+            np.eye(2 * self.contacts) * (self.process.still_m / _UNIT_M) ** 2 * dt_s
+        )
         return Change(transition, noise)
 
-    def _moved(self, dt_s: float, evidence: Evidence) -> Change:
-        """Of forces that may be anything now, while the model is wrong in a new way."""
+    def _moved(self, dt_s: float, evidence: Evidence, since: Evidence) -> Change:
+        """Of forces and places that may be anything now; errors of the model and of seen places are the more
+        in a new way the more has moved since.
+        """
         transition, noise = self._changed(dt_s, _period(evidence), evidence.acting, self._any)
         transition[: self._drives] = 0.0
-        transition[self._missed] = 0.0
-        noise[self._missed, self._missed] = evidence.model / np.outer(self._unit, self._unit)
-        return Change(transition, noise)
+        kept = self._kept(evidence, since)
+        for own, roots in (
+            (self._missed, [self._model_root(each) for each in (evidence, since)]),
+            (self._off, [self._off_root(each) for each in (evidence, since)]),
+        ):
+            now, before = roots
+            transition[own, own] = kept * now @ np.linalg.inv(before)
+            noise[own, own] = (1 - kept**2) * now @ now.T
+        change = Change(transition, noise)
+        self._relocated(change)
+        return change
 
-    def _reading(self, evidence: Evidence, compliance: Float[np.ndarray, "k D"]) -> Reading:
-        rows = np.zeros((self.readings, self._size))
-        rows[:, : self._drives] = compliance
-        rows[:, self._missed] = np.diag(self._unit)
-        rows[np.arange(self.readings), self._integral] = self._effect
-        size = compliance @ evidence.drive
-        white = self._drift.white(_period(evidence))
-        return Reading(evidence.misfit + size, rows, np.hypot(white, self.process.least * size))
+    def _kept(self, evidence: Evidence, since: Evidence) -> float:
+        """How much [-] the errors of model and places have to do with those since when forces moved last."""
+        sizes = [np.linalg.norm(each.compliance @ each.drive) for each in (evidence, since)]
+        if min(sizes) <= 0:
+            return 0.0
+        gone = np.linalg.norm(np.nan_to_num(evidence.seen_m - since.seen_m))
+        return float(min(sizes) / max(sizes) * np.exp(-gone / self.process.alike_m))
+
+    def _model_root(self, evidence: Evidence) -> Float[np.ndarray, "k k"]:
+        """L of the covariance L Lᵀ of the model's error, which is never nothing."""
+        least = np.diag((_CERTAIN * self._drift.white(_period(evidence)) / self._unit) ** 2)
+        return np.linalg.cholesky(evidence.model / np.outer(self._unit, self._unit) + least)
+
+    def _off_root(self, evidence: Evidence) -> Float[np.ndarray, "P P"]:
+        """Standard deviations by which what sees contacts is off as long as they stay."""
+        sigma = np.sqrt(1 - self.process.white) * np.nan_to_num(evidence.seen_sigma_m)
+        return np.diag(np.maximum(sigma / _UNIT_M, _CERTAIN))
+
+    def _relocated(self, change: Change) -> None:
+        """Let contacts be anywhere."""
+        change.transition[self._places] = 0.0
+        change.noise[self._places, self._places] = np.eye(2 * self.contacts) * (_ANYWHERE_M / _UNIT_M) ** 2
+
+    def _reading(self, evidence: Evidence, since: Evidence) -> Reading:
+        """Readings (k,), then places as they are seen (P,), with the slopes of another frame."""
+        by_drive, by_place = since.compliance, since.by_place
+        k, places = self.readings, 2 * self.contacts
+        rows = np.zeros((k + places, self._size))
+        rows[:k, : self._drives] = by_drive
+        rows[:k, self._missed] = np.diag(self._unit)
+        rows[:k, self._places] = by_place * _UNIT_M
+        rows[np.arange(k), self._integral] = self._effect
+        rows[k:, self._places] = rows[k:, self._off] = np.eye(places)
+        size = by_drive @ evidence.drive
+        value = np.append(evidence.misfit + size + by_place @ evidence.place_m, evidence.seen_m / _UNIT_M)
+        white = np.hypot(self._drift.white(_period(evidence)), self.process.least * size)
+        seen = np.sqrt(self.process.white) * evidence.seen_sigma_m / _UNIT_M
+        return Reading(value, rows, np.append(white, seen))
 
     def _outlier(
         self,
         known: Normal,
         change: Change,
         reading: Reading,
-        heard: Bool[np.ndarray, " k"],
         acting: Bool[np.ndarray, " D"],
     ) -> Bool[np.ndarray, " k"]:
         """The reading (k,) without which the others do not contradict a change, though there are more of them
         than drives that act; none where there is no such.
         """
         found = np.zeros(self.readings, bool)
-        numbers, later = np.arange(len(reading.value)), known.gone_on(change)
-        if len(numbers) <= acting.sum() + 1:
+        heard = np.isfinite(reading.value)
+        numbers, later = np.arange(len(heard)), known.gone_on(change)
+        told = np.flatnonzero(heard[: self.readings])
+        if len(told) <= acting.sum() + 1:
             return found
-        left = [later.surprise(reading.only(numbers != each)) for each in numbers]
+        left = [later.surprise(reading.only(heard & (numbers != each))) for each in told]
         best = int(np.argmin(left))
-        if not self.process.surprising(left[best], len(numbers) - 1):
-            found[np.flatnonzero(heard)[best]] = True
+        if not self.process.surprising(left[best], heard.sum() - 1):
+            found[told[best]] = True
         return found
 
     def _jumped(
@@ -241,10 +297,11 @@ class ForceFilter:
         known: Normal,
         change: Change,
         reading: Reading,
-        heard: Bool[np.ndarray, " k"],
     ) -> Change:
-        """A change in which an outlier's integral has jumped."""
-        off = (reading.value - reading.rows @ known.gone_on(change).mean)[outlier[heard]]
+        """A change in which an outlier's integral has jumped, by what the others do not explain of it."""
+        others = ~np.append(outlier, np.zeros(len(reading.value) - self.readings, bool))
+        told = known.gone_on(change).updated(_heard(reading.only(others)))
+        off = (reading.value - reading.rows @ told.mean)[: self.readings][outlier]
         noise, at = change.noise.copy(), self._integral[outlier]
         noise[at, at] += (off / self._effect[outlier]) ** 2
         return Change(change.transition, noise)
@@ -253,3 +310,8 @@ class ForceFilter:
 def _period(evidence: Evidence) -> float:
     """Between readings of the sensors [s]."""
     return max(float(evidence.drift.period_s), _SHORTEST_S)
+
+
+def _heard(reading: Reading) -> Reading:
+    """Those numbers that are known."""
+    return reading.only(np.isfinite(reading.value) & np.isfinite(reading.sigma))

@@ -128,7 +128,7 @@ class Fusion:
             joined = self._joined(self._touch, self._touch.frames[-1], dt, now)
         elif pressed and (told := _told_by(now)) is not None:
             self._touch = _Touch()
-            begun = self._forces.begun(told.drift, told.compliance)
+            begun = self._forces.begun(told)
             before = _Joined(now.time_s, begun, [None for _ in range(self._forces.contacts)])
             joined = self._joined(self._touch, before, 0.0, now)
         else:

@@ -41,9 +41,13 @@ class Normal(NamedTuple):
         return float(innovation @ inverse @ innovation)
 
     def _compared(self, reading: "Reading") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        across = self.covariance @ reading.rows.T
-        inverse = np.linalg.inv(reading.rows @ across + np.diag(reading.sigma**2))
-        return across @ inverse, reading.value - reading.rows @ self.mean, inverse
+        # In standard deviations, as readings may be of any unit.
+        rows = reading.rows / reading.sigma[:, None]
+        across = self.covariance @ rows.T
+        inverse = np.linalg.inv(rows @ across + np.eye(len(rows)))
+        gain = across @ inverse / reading.sigma
+        innovation = reading.value - reading.rows @ self.mean
+        return gain, innovation, inverse / np.outer(reading.sigma, reading.sigma)
 
 
 class Change(NamedTuple):

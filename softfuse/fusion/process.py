@@ -15,7 +15,8 @@ class Process:
     move; `white` [-]: part of the variance of a seen place that is new in each frame, the rest stays during a
     touch; `creep` [-]: part of the largest reading of a touch by which a body that was let go is not yet at
     rest; `least` [-]: part of a reading that no frame tells better; `wander` [1/√s]: by what part of a
-    reading the model's error walks meanwhile, as places do; `chance` [-]: of a surprise in a frame by which a
+    reading the model's error walks meanwhile; `alike_m` [m]: contacts so far from each other have errors of
+    the model and of seen places that are alike to 1/e; `chance` [-]: of a surprise in a frame by which a
     process is given up; `patience_s` [s]: for so long places that jump are taken for outliers.
     """
 
@@ -28,6 +29,7 @@ class Process:
     creep: float = 0.01
     least: float = 3e-3
     wander: float = 3e-3
+    alike_m: float = 5e-3
     chance: float = 1e-3
     patience_s: float = 0.05
 

@@ -91,6 +91,9 @@ def test_steps_end_where_force_and_place_are_most_probable(device, read, stepped
         curvature = (up - 2 * least + down) / h**2
         # From the best value along each axis it is less than a hundredth of the step away.
         assert abs((up - down) / (2 * h) / curvature) < 1e-2 * h
+    slopes = 1e9 * np.hstack([report.compliance, SIGMA * np.asarray(report.by_place)])
+    told = slopes.T @ slopes + np.diag([0.0, 1.0, 1.0])
+    np.testing.assert_allclose(report.information, told, rtol=1e-6)
     # The readings were made nearer than the prior says.
     assert np.linalg.norm(found[1:]) > 0.1
     assert abs(found[0] - 6.0) < abs(

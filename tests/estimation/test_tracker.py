@@ -14,6 +14,7 @@ import pytest
 
 from softfuse.config import load
 from softfuse.config.build_sensors import build_sensors
+from softfuse.estimation.model_error import ModelError
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker, TrackerSettings
 from softfuse.hardware.recording import read_recording
@@ -103,3 +104,18 @@ def test_without_flow_there_is_no_force(run) -> None:
 def test_the_same_frames_give_the_same_numbers(run) -> None:
     first, second = run(), run()
     assert [row.force_N for row in first] == [row.force_N for row in second]
+
+
+def test_evidence_says_how_readings_go_with_places_that_they_tell(run: Callable[..., list[Tracked]]) -> None:
+    # Of a model about whose errors nothing is known, readings tell no place.
+    known, told = (
+        run(settings=TrackerSettings(poor_fit=1e6, model_error=ModelError(part)))[-1] for part in (0.0, 0.1)
+    )
+    assert known.evidence is not None and told.evidence is not None
+    assert not known.evidence.by_place.any() and told.evidence.by_place.all()
+    seen = known.location_m[:, :2].ravel()
+    for found in (known, told):
+        np.testing.assert_array_equal(found.evidence.seen_m, seen)
+        np.testing.assert_allclose(found.evidence.place_m, found.location_m[:, :2].ravel(), atol=1e-12)
+    assert np.all(told.evidence.place_m != seen)
+    np.testing.assert_array_equal(told.evidence.seen_sigma_m, known.location_sigma_m.ravel())
