@@ -7,10 +7,11 @@ from typing import Annotated, Self
 import jax.numpy as jnp
 import numpy as np
 from annotated_types import Ge, Le
-from pydantic import AfterValidator, BeforeValidator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from softfuse.body.base import AbstractBody
 from softfuse.config.quantity import (
+    Compliance,
     Length,
     Number,
     PositiveForce,
@@ -41,8 +42,9 @@ class CableSettings(Settings):
     """A cable from pulled_at (3,) m through guides (g, 3) m in the body; its end holds a ball of
     anchor_radius in m around the last one: a point would sink in without limit as the mesh gets finer.
 
-    friction [-]: μ at the guides; max_tension in N; tension_rate in N/s and length_rate in m/s: how fast its
-    tension and its length may change, None for any.
+    friction [-]: μ at the guides; compliance in m/N: by how much the cable itself gets longer; max_tension in
+    N; tension_rate in N/s and length_rate in m/s: how fast its tension and its length may change, None for
+    any.
     """
 
     name: str
@@ -50,6 +52,8 @@ class CableSettings(Settings):
     pulled_at: Vector
     anchor_radius: Annotated[Length, Ge(0)] = 0.0
     friction: Annotated[Number, Ge(0)] = 0.0
+    # Left out of digests where it is 0: charts made before there were such cables are still good.
+    compliance: Annotated[Compliance, Ge(0)] = Field(default=0.0, exclude_if=lambda given: given == 0)
     max_tension: PositiveForce
     tension_rate: PositiveForceRate | None = None
     length_rate: PositiveVelocity | None = None
@@ -67,6 +71,7 @@ class CableSettings(Settings):
             np.array(self.guides),
             np.array(self.pulled_at),
             friction=self.friction,
+            compliance=self.compliance,
             anchor_radius=self.anchor_radius,
         )
 

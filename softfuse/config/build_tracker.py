@@ -64,7 +64,7 @@ def _finger_senses(config: DeviceConfig) -> FingerSenses:
         raise ConfigError(f'{config.path}: contact.model: single electrodes need the model "patch"')
     lengths = config.sensors.cable
     # Noise and slack of lengths that nobody measures do not matter.
-    noise, slack = (lengths.noise, lengths.slack) if lengths else (1.0, 1.0)
+    noise, slack, zero = (lengths.noise, lengths.slack, lengths.zero) if lengths else (1.0, 1.0, (0.0,))
     cables = jnp.ones(len(config.cables))
     return FingerSenses(
         pressure,
@@ -72,6 +72,7 @@ def _finger_senses(config: DeviceConfig) -> FingerSenses:
         jnp.broadcast_to(jnp.array(config.sensors.pressure.gain), (len(config.cavities),)),
         jnp.asarray(config.sensors.pressure.model_error),
         jnp.array([electrode.centre for electrode in config.electrodes]),
+        cable_zero_m=jnp.array(zero) * cables,
         cable_sigma_m=noise * cables,
         slack_m=slack * cables,
         average_s=jnp.asarray(config.sensors.pressure.average),

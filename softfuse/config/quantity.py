@@ -73,6 +73,7 @@ ANGLE = Dimension("an angle", "rad", "1 deg")
 VOLTAGE = Dimension("a voltage", "V", "0.5 V")
 VOLTAGE_WALK = Dimension("a random walk of a voltage", "V/s^0.5", "0.02 mV/s^0.5")
 LAYER_COMPLIANCE = Dimension("a length per pressure", "m/Pa", "0.5 mm/MPa")
+COMPLIANCE = Dimension("a length per force", "m/N", "0.05 mm/N")
 FLOW_SENSITIVITY = Dimension("a voltage per flow", "V s/m^3", "20 V min/L")
 
 _DIMENSIONS = (
@@ -90,6 +91,7 @@ _DIMENSIONS = (
     VOLTAGE,
     VOLTAGE_WALK,
     LAYER_COMPLIANCE,
+    COMPLIANCE,
     FLOW_SENSITIVITY,
 )
 
@@ -108,6 +110,7 @@ Angle = Annotated[float, BeforeValidator(ANGLE.parse)]
 Voltage = Annotated[float, BeforeValidator(VOLTAGE.parse)]
 VoltageWalk = Annotated[float, BeforeValidator(VOLTAGE_WALK.parse)]
 LayerCompliance = Annotated[float, BeforeValidator(LAYER_COMPLIANCE.parse)]
+Compliance = Annotated[float, BeforeValidator(COMPLIANCE.parse)]
 FlowSensitivity = Annotated[float, BeforeValidator(FLOW_SENSITIVITY.parse)]
 Number = Annotated[float, Strict()]
 Integer = Annotated[int, Strict()]

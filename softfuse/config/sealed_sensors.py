@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, model_validator
 from softfuse.config.quantity import (
     Duration,
     Integer,
+    Length,
     Number,
     PositiveInteger,
     PositiveLength,
@@ -135,10 +136,21 @@ class ElectrodeSettings(Settings):
 class CableLengthSettings(Settings):
     """By how much each cable has been shortened, read in mm; a frame without a reading has an empty field.
 
-    channels: one column per cable, in the order of [[cable]]; noise: standard deviation in m; slack in m: a
-    cable that is shorter by less leaves the body at rest.
+    channels: one column per cable, in the order of [[cable]]; zero in m: what is read where the cable gets
+    taut, one value or one for each cable; noise: standard deviation in m; slack in m: a cable that is shorter
+    by less leaves the body at rest.
     """
 
     channels: Channels
+    zero: Annotated[tuple[Length, ...], NotEmpty, BeforeValidator(listed)] = (0.0,)
     noise: PositiveLength = 0.05e-3
     slack: PositiveLength = 0.5e-3
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if len(self.zero) not in (1, len(self.channels)):
+            raise wrong_value(
+                f"{len(self.zero)} values for {len(self.channels)} channels: give one, or one for each",
+                key="zero",
+            )
+        return self

@@ -3,7 +3,7 @@
 Ports are the positions of the guide points; the law follows their current positions, so a cable needs no
 stiffness in the body's tangent. Shortened by δ, the cable has ℓ₀ − δ at its disposal and its tension is the
 multiplier of ℓ ≤ ℓ₀ − δ + c T: 0 ≤ T ⊥ ℓ₀ − δ + c T − ℓ ≥ 0, c its own compliance. A slack cable carries
-nothing.
+nothing. Pulled with T, its end comes out by δ = ℓ₀ − ℓ + c T.
 """
 
 import jax
@@ -19,11 +19,14 @@ from softfuse.functional.material_points import MaterialPoints
 
 
 class PulledCable(AbstractLoad):
-    """A cable of given tension, pulled at a fixed point (3,) m; `friction` μ [-] at its guides."""
+    """A cable of given tension, pulled at a fixed point (3,) m; `friction` μ [-] at its guides, `compliance`
+    c [m/N] of the cable itself.
+    """
 
     ports: AbstractGuides
     pulled_at: Float[Array, "3"]
     friction: Float[Array, ""]
+    compliance: Float[Array, ""]
 
     @classmethod
     def through(
@@ -33,6 +36,7 @@ class PulledCable(AbstractLoad):
         pulled_at: Float[np.ndarray, "3"],
         *,
         friction: float = 0.0,
+        compliance: float = 0.0,
         anchor_radius: float = 0.0,
     ) -> "PulledCable":
         """A cable through guides (g, 3) m of a body at rest, first the one next to the pulling point (3,) m.
@@ -47,7 +51,7 @@ class PulledCable(AbstractLoad):
         belongs = np.append(np.arange(len(before)), np.full(len(anchor), len(before)))
         share = np.eye(len(before) + 1)[:, belongs]
         ports = PointPorts.shared(points, jnp.asarray(share / share.sum(axis=1, keepdims=True)), body)
-        return cls(ports, jnp.asarray(pulled_at, float), jnp.asarray(friction, float))
+        return cls(ports, *(jnp.asarray(each, float) for each in (pulled_at, friction, compliance)))
 
     @property
     def sizes(self):
@@ -69,16 +73,20 @@ class PulledCable(AbstractLoad):
         return force - guide_forces(y.reshape(-1, 3), self.pulled_at, drive[0], self.friction).ravel()
 
     def conjugate(self, force, internal, y):
-        """δ_c = ℓ₀ − ℓ (1,) [m]: by how much the cable has become shorter."""
-        del force, internal
-        return (_rest_length(self) - length(y.reshape(-1, 3), self.pulled_at))[None]
+        """δ (1,) [m]: by how much the cable has been pulled out."""
+        del internal
+        guides = y.reshape(-1, 3)
+        first = guides[0] - self.pulled_at
+        # What the guides feel together is what holds the cable at its other end.
+        tension = -jnp.sum(force.reshape(-1, 3), axis=0) @ first / jnp.linalg.norm(first)
+        return (_rest_length(self) - length(guides, self.pulled_at) + self.compliance * tension)[None]
 
 
 class ShortenedCable(AbstractLoad):
     """A cable of given shortening δ [m], with the tension as internal unknown.
 
-    `pulled_at`, `friction`: as of `PulledCable`; `compliance` c [m/N]: of the cable itself; `stiffness`
-    [N/m]: weighs lengths against tensions and does not move the solution.
+    `pulled_at`, `friction`, `compliance`: as of `PulledCable`; `stiffness` [N/m]: weighs lengths against
+    tensions and does not move the solution.
     """
 
     ports: AbstractGuides
@@ -88,11 +96,10 @@ class ShortenedCable(AbstractLoad):
     stiffness: Float[Array, ""]
 
     @classmethod
-    def of(cls, cable: PulledCable, body: AbstractBody, *, compliance: float = 0.0) -> "ShortenedCable":
+    def of(cls, cable: PulledCable, body: AbstractBody) -> "ShortenedCable":
         """The same cable, taut without tension on the body at rest."""
         stiffness = jax.lax.stop_gradient(body.pressure_unit * _rest_length(cable))
-        own = jnp.asarray(compliance, float)
-        return cls(cable.ports, cable.pulled_at, cable.friction, own, stiffness)
+        return cls(cable.ports, cable.pulled_at, cable.friction, cable.compliance, stiffness)
 
     @property
     def sizes(self):
@@ -120,6 +127,11 @@ class ShortenedCable(AbstractLoad):
         """The tension (1,) [N]."""
         del force, y
         return internal
+
+    @property
+    def rest_length(self) -> Float[Array, ""]:
+        """ℓ₀ [m] on the body at rest."""
+        return _rest_length(self)
 
 
 def _rest_length(cable: PulledCable | ShortenedCable) -> Float[Array, ""]:

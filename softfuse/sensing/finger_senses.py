@@ -10,6 +10,8 @@ is near, changes count from the last frame before: what the model misses of the 
 The finger rests while no electrode is touched and no cable is pulled.
 """
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -34,7 +36,7 @@ from softfuse.sensing.status import Status
 
 
 class FingerMeasurement(eqx.Module):
-    """What pressures (k,), electrodes (n,) and cables (b,) [m] say about one frame."""
+    """What pressures (k,), electrodes (n,) and cables (b,) [m], above their zeros, say about one frame."""
 
     pressure: PressureReading
     electrodes: ElectrodeReading
@@ -60,9 +62,10 @@ class FingerSenses(AbstractSenses):
     electrodes [counts], cables [m].
 
     `gain` (k,) [-]: measured over modelled pressures; `model_error` [-]: see above; `middle_m` (n, 3): of the
-    electrodes on the body at rest; `cable_sigma_m` (b,): noise of the lengths; `slack_m` (b,): a cable that
-    is shorter by less leaves the finger at rest; `contacts`: followed at once; `supplies`: 1 when the supply
-    is measured, 0 when it is the nominal one; `lengths`: b when the cables' lengths are measured, else 0.
+    electrodes on the body at rest; `cable_zero_m` (b,): what is read where cables get taut; `cable_sigma_m`
+    (b,): noise of the lengths; `slack_m` (b,): a cable that is shorter by less leaves the finger at rest;
+    `contacts`: followed at once; `supplies`: 1 when the supply is measured, 0 when it is the nominal one;
+    `lengths`: b when the cables' lengths are measured, else 0.
     """
 
     pressure: PressureSensor
@@ -70,12 +73,17 @@ class FingerSenses(AbstractSenses):
     gain: Float[Array, " k"]
     model_error: Float[Array, ""]
     middle_m: Float[Array, "n 3"]
+    cable_zero_m: Float[Array, " b"]
     cable_sigma_m: Float[Array, " b"]
     slack_m: Float[Array, " b"]
     average_s: Float[Array, ""]
     contacts: int = eqx.field(static=True)
     supplies: int = eqx.field(static=True)
     lengths: int = eqx.field(static=True)
+
+    def of_noise_alone(self) -> "FingerSenses":
+        """The same, of a model that is taken to be right."""
+        return replace(self, model_error=jnp.zeros(()))
 
     @property
     def channels(self):
@@ -102,7 +110,8 @@ class FingerSenses(AbstractSenses):
         volts, supply, counts, cable = readings
         measured = jnp.append(supply, jnp.nan)[0]
         length_lost = jnp.any(~jnp.isfinite(cable))
-        cable = cable if self.lengths else jnp.full(self.cable_sigma_m.shape, jnp.nan)
+        unknown = jnp.full(self.cable_sigma_m.shape, jnp.nan)
+        cable = cable - self.cable_zero_m if self.lengths else unknown
         now, dt, forward = frame_step(state.time_s, time_s)
         touch_state, touch = electrode_update(self.electrodes, state.electrodes, dt, counts)
         # A length that is not read says nothing: a cable that slips off must not stop the tare for ever.

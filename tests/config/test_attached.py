@@ -21,7 +21,7 @@ def test_the_finger_has_what_the_design_attaches_to_it(write_finger: Write) -> N
     (cable,) = config.cables
     assert cable.guides == tuple((x / 1000, 0.0, 0.003) for x in (2, 12, 22, 38, 52, 68, 82, 98, 108, 116))
     assert (cable.pulled_at, cable.friction, cable.max_tension) == ((-5e-3, 0.0, 3e-3), 0.0, 20.0)
-    assert (cable.tension_rate, cable.length_rate) == (None, None)
+    assert (cable.tension_rate, cable.length_rate, cable.compliance) == (None, None, 0.0)
     assert config.gas is not None
     assert config.gas.dead_volume == pytest.approx((100e-9,))
     assert (config.gas.atmosphere, config.gas.exponent) == (101325.0, 1.0)
@@ -99,6 +99,16 @@ def test_the_cable_is_optional_and_so_is_its_sensor(write_finger: Write, finger_
         ),
         ("friction = 0.0", "friction = -0.1", "cable[0].friction: -0.1 must be greater than or equal to 0"),
         ('max_tension = "20 N"', "", "cable[0].max_tension: missing"),
+        (
+            "friction = 0.0",
+            'compliance = "2 mm"',
+            'cable[0].compliance: "2 mm" is a length, expected a length per force such as "0.05 mm/N"',
+        ),
+        (
+            'slack = "0.5 mm"',
+            'slack = "0.5 mm"\nzero = ["0.1 mm", "0.2 mm"]',
+            "sensors.cable.zero: 2 values for 1 channels: give one, or one for each",
+        ),
         (
             'max_tension = "20 N"',
             'max_tension = "20 N"\ntension_rate = "5 N"',

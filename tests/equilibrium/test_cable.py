@@ -129,11 +129,14 @@ def test_a_slack_cable_carries_nothing(beam, shortened) -> None:
 
 
 def test_a_soft_cable_stretches(beam, pulled) -> None:
-    soft = ShortenedCable.of(pulled, beam, compliance=2e-3)
-    state = _equilibrium(beam, soft, 0.004)
+    soft = PulledCable.through(beam, GUIDES, PULLED_AT, friction=0.2, compliance=2e-3)
+    state = _equilibrium(beam, ShortenedCable.of(soft, beam), 0.004)
     guides = pulled.ports.values(beam, state.z).reshape(-1, 3)
     stretched = float(length(guides, pulled.pulled_at) - (rest_length(pulled) - 0.004))
     np.testing.assert_allclose(stretched, 2e-3 * float(state.internal[0]), rtol=1e-9)
+    # What a cable of given tension is pulled out by is the same.
+    out = soft.conjugate(state.force, jnp.zeros(0), guides.ravel())
+    np.testing.assert_allclose(out, 0.004, rtol=1e-9)
 
 
 def test_a_guide_in_the_air_is_refused(beam) -> None:
