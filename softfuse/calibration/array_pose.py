@@ -43,10 +43,11 @@ class Located:
     @property
     def slope(self) -> Float[np.ndarray, "s 2 5"]:
         """Of place minus location in the five parameters of `PoseFit`."""
-        return _slopes(self.location_m)
+        return pose_slopes(self.location_m)
 
 
-def _slopes(location_m: Float[np.ndarray, "s 2"]) -> Float[np.ndarray, "s 2 5"]:
+def pose_slopes(location_m: Float[np.ndarray, "s 2"]) -> Float[np.ndarray, "s 2 5"]:
+    """Of places on the body minus locations (s, 2) m in the five parameters of `PoseFit`."""
     x, y = location_m.T
     one, none = np.ones_like(x), np.zeros_like(x)
     along_x = np.stack([one, none, -y, x, none], axis=1)
@@ -116,7 +117,7 @@ def fit_pose(located: Located, prior: PosePrior, area_m: Float[np.ndarray, "a 2"
     found, _ = _explained(located, factor, sigma)
     value = found.z * sigma
     covariance = np.linalg.inv(found.information) * np.outer(sigma, sigma)
-    slopes = _slopes(area_m)
+    slopes = pose_slopes(area_m)
     unknown = np.einsum("sip,pq,siq->si", slopes, covariance, slopes).mean()
     before = located.place_m - located.location_m
     return PoseFit(

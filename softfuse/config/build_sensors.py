@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from softfuse.config.device import DeviceConfig
 from softfuse.config.sensors import CapacitiveSettings, FlowSettings
@@ -73,7 +74,22 @@ def electrode_array(settings: CapacitiveSettings) -> CapacitiveArray:
         creep_time_s=baseline.creep_time,
         recovery_time_s=baseline.recovery_time,
         negative_sigma=baseline.negative_sigma,
+        gain=line_gains(settings),
+        untouched_counts=_untouched(settings),
     )
+
+
+def line_gains(settings: CapacitiveSettings) -> Float[Array, " e"]:
+    """The gains of all lines (e,), rows first."""
+    each = ((settings.row_gain, settings.row_y), (settings.column_gain, settings.column_x))
+    return jnp.concatenate([jnp.broadcast_to(jnp.array(gain), (len(lines),)) for gain, lines in each])
+
+
+def _untouched(settings: CapacitiveSettings) -> Float[Array, " e"]:
+    """What all lines (e,) read untouched, rows first [counts]; ∞ where that is not known."""
+    if settings.row_baseline is None or settings.column_baseline is None:
+        return jnp.full(len(settings.row_y) + len(settings.column_x), jnp.inf)
+    return jnp.array([*settings.row_baseline, *settings.column_baseline])
 
 
 def contact_peak(settings: CapacitiveSettings, radius: float) -> PeakModel:

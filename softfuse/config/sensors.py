@@ -33,6 +33,9 @@ Channels = Annotated[tuple[str, ...], NotEmpty]
 
 Fraction = Annotated[Number, Gt(0), Lt(1)]
 
+Gains = Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)]
+"""What is measured over what there is [-]: one value for all, or one for each."""
+
 
 class FlowSettings(Settings):
     """Flow sensors, one on each cavity: their volts at zero flow and per flow, noise and limits.
@@ -46,7 +49,7 @@ class FlowSettings(Settings):
     channels: Channels
     zero: Voltage = 0.5
     sensitivity: Annotated[FlowSensitivity, Gt(0)] = 20.0 / (1e-3 / 60.0)
-    gain: Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)] = (1.0,)
+    gain: Gains = (1.0,)
     low: Voltage = 2e-3
     high: Voltage = 2.5
     noise: PositiveVoltage = 2e-3
@@ -140,6 +143,8 @@ class CapacitiveSettings(Settings):
     row_y, column_x: their centre lines, and depths below the surface, in m; noise in counts. row_channels,
     column_channels: their columns in a recording, in the order of row_y and column_x. A reading outside
     lowest_counts .. highest_counts, or the same in stuck_frames frames, belongs to a broken channel.
+    row_gain, column_gain [-]: counts of a line for what a nominal one says with one, one value or one for
+    each. row_baseline, column_baseline: counts of each line untouched, for a start while something touches.
     """
 
     type: Literal["crossed-diamonds"]
@@ -153,6 +158,10 @@ class CapacitiveSettings(Settings):
     lowest_counts: Number = 0.0
     highest_counts: Number = 65535.0
     stuck_frames: Annotated[Integer, Ge(2)] = 25
+    row_gain: Gains = (1.0,)
+    column_gain: Gains = (1.0,)
+    row_baseline: tuple[Number, ...] | None = None
+    column_baseline: tuple[Number, ...] | None = None
     location: Literal["peak-fit", "weighted-mean"] = "peak-fit"
     baseline: BaselineSettings = BaselineSettings()
     touch: TouchSettings = TouchSettings()
@@ -174,4 +183,29 @@ class CapacitiveSettings(Settings):
                 )
         if self.lowest_counts >= self.highest_counts:
             raise wrong_value(f"must be below highest_counts = {self.highest_counts:g}", key="lowest_counts")
+        self._check_lines()
         return self
+
+    def _check_lines(self) -> None:
+        """Raise the error of a validator unless there are as many gains and baselines as lines."""
+        baselines = {"row": self.row_baseline, "column": self.column_baseline}
+        for name, lines, gain in (
+            ("row", self.row_y, self.row_gain),
+            ("column", self.column_x, self.column_gain),
+        ):
+            if len(gain) not in (1, len(lines)):
+                raise wrong_value(
+                    f"{len(gain)} values for {len(lines)} lines: give one, or one for each",
+                    key=f"{name}_gain",
+                )
+            baseline = baselines[name]
+            if baseline is not None and len(baseline) != len(lines):
+                raise wrong_value(
+                    f"{len(baseline)} values for {len(lines)} lines: give one for each",
+                    key=f"{name}_baseline",
+                )
+        for name, other in (("row", "column"), ("column", "row")):
+            if baselines[name] is None and baselines[other] is not None:
+                raise wrong_value(
+                    f"missing, while {other}_baseline is given: give both or none", key=f"{name}_baseline"
+                )

@@ -33,6 +33,10 @@ class ArrayPose(eqx.Module):
         """Where on the body (2,) m a place in the array's coordinates (2,) m is."""
         return self.shift_m + self._turned @ location_m
 
+    def on_array(self, place_m: Float[Array, "2"]) -> Float[Array, "2"]:
+        """Where in the array's coordinates (2,) m a place on the body (2,) m is."""
+        return jnp.linalg.solve(self._turned, place_m - self.shift_m)
+
     def spread(self, covariance_m2: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
         """Covariance (2, 2) m² on the body of a location with one (2, 2) m² in the array's coordinates."""
         return self.sigma_factor**2 * self._turned @ covariance_m2 @ self._turned.T

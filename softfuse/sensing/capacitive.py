@@ -1,9 +1,13 @@
 """Single-ended capacitive array: counts to signals, image and the weighted-mean location.
 
-    signal s = counts - baseline,   image I = s_col (x) s_row,   x = sum(x_k s_col,k) / sum(s_col,k), y alike,
+    signal s = (counts - baseline) / gain,   image I = s_col (x) s_row,
+    x = sum(x_k s_col,k) / sum(s_col,k), y alike,
 
-as in the paper (Navarro et al., RA-L 5(4), 2020). Signals are positive when something grounded comes near.
-The weighted mean pulls contacts at the border inwards; `peak_fit` does not.
+as in the paper (Navarro et al., RA-L 5(4), 2020), but for the gains of the electrodes. Signals are positive
+when something grounded comes near. The weighted mean pulls contacts at the border inwards; `peak_fit` does
+not. The noise of a signal is that of the counts over the gain; all are taken to have that of a gain of one,
+because gains are off by some per cent, and where that matters, under a contact, the model's misfit is larger
+than noise.
 
 The baseline follows the counts of the untouched array with a time constant, is frozen while something
 touches, and creeps while something is near (a hovering hand must not become the baseline soon, a drifted
@@ -13,6 +17,7 @@ taken with something on the pad, and is taken anew.
 
 import equinox as eqx
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 
@@ -35,6 +40,10 @@ class CapacitiveArray(eqx.Module):
     """Time constant of the baseline while the signal is impossibly negative [s]."""
     negative_sigma: Float[Array, ""]
     """Signal below minus this many standard deviations is impossible."""
+    gain: Float[Array, "*e"]
+    """Counts of each electrode, or of all, for what a nominal one says with one [-]."""
+    untouched_counts: Float[Array, "*e"]
+    """What each electrode is known to read untouched, ∞ where nothing is known: see `touched_start`."""
 
 
 class ArrayState(eqx.Module):
@@ -50,7 +59,7 @@ class ArrayReading(eqx.Module):
     """Signals of one frame, rows first."""
 
     signal_counts: Float[Array, " e"]
-    """(e,) counts above the baseline, 0 where invalid."""
+    """(e,) counts above the baseline over the gain, 0 where invalid."""
     valid: Bool[Array, " e"]
     """(e,) the channel is present, in range, alive and has a baseline."""
 
@@ -65,6 +74,8 @@ def capacitive_array(
     creep_time_s: float = 60.0,
     recovery_time_s: float = 0.2,
     negative_sigma: float = 10.0,
+    gain: Float[ArrayLike, "*e"] = 1.0,
+    untouched_counts: Float[ArrayLike, "*e"] = jnp.inf,
 ) -> CapacitiveArray:
     """Parameters of the array; the options are the fields of CapacitiveArray.
 
@@ -79,6 +90,8 @@ def capacitive_array(
         creep_time_s=jnp.asarray(creep_time_s, float),
         recovery_time_s=jnp.asarray(recovery_time_s, float),
         negative_sigma=jnp.asarray(negative_sigma, float),
+        gain=jnp.asarray(gain, float),
+        untouched_counts=jnp.asarray(untouched_counts, float),
     )
 
 
@@ -103,13 +116,14 @@ def count_equal_frames(state: ArrayState, counts: Float[Array, " e"]) -> Int[Arr
 
 
 def array_signal(array: CapacitiveArray, state: ArrayState, counts: Float[Array, " e"]) -> ArrayReading:
-    """Signals above the baseline.
+    """Signals above the baseline, by the gain of each electrode.
 
     Args: counts (e,) readings, rows first, NaN where missing.
     Returns: ArrayReading.
     """
     valid = _alive(array, counts, count_equal_frames(state, counts)) & (state.baseline_frames > 0)
-    return ArrayReading(signal_counts=jnp.where(valid, counts - state.baseline_counts, 0.0), valid=valid)
+    above = jnp.where(valid, counts - state.baseline_counts, 0.0)
+    return ArrayReading(signal_counts=above / array.gain, valid=valid)
 
 
 def track_baseline(

@@ -182,6 +182,12 @@ def flow_init(sensor: FlowSensor) -> FlowState:
     )
 
 
+def flow_unknown(sensor: FlowSensor, state: FlowState) -> FlowState:
+    """State in which flow has been lost before, so that no volume is known until the next reset."""
+    lost = sensor.lost_tolerance_s + sensor.relearn_s
+    return eqx.tree_at(lambda s: s.lost_s, state, jnp.zeros_like(state.lost_s) + lost)
+
+
 def _lag_deviation(sensor: FlowSensor, state: FlowState) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
     """Mean of the lag's readings minus the zero in standard deviations, and the number of usable readings."""
     count = jnp.sum(state.lag_usable, axis=0)

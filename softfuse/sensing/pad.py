@@ -8,6 +8,8 @@ recording. An electrode that lies is found 17 frames later, see `peak_follow`. S
 negative volume change. Electrodes are ordered rows first, then columns.
 """
 
+from typing import TypeVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -35,6 +37,7 @@ from softfuse.sensing.flow import (
     FlowState,
     flow_evidence,
     flow_init,
+    flow_unknown,
     flow_update,
     mean_flow,
 )
@@ -42,7 +45,17 @@ from softfuse.sensing.frame_time import frame_step
 from softfuse.sensing.peak_follow import PeakTrack, follow_peak, no_peak
 from softfuse.sensing.peak_model import PeakModel
 from softfuse.sensing.reading_drift import ReadingDrift
-from softfuse.sensing.touch import TouchDetector, TouchState, touch_init, touch_strength, touch_update
+from softfuse.sensing.touch import (
+    TouchDetector,
+    TouchState,
+    touch_begun,
+    touch_init,
+    touch_strength,
+    touch_update,
+)
+from softfuse.sensing.touched_start import known_baseline, starts_touched
+
+_S = TypeVar("_S")
 
 
 class PadSensors(eqx.Module):
@@ -106,7 +119,7 @@ class PadMeasurement(eqx.Module):
     location_residual_counts: Float[Array, ""]
     """Root mean square residual of the peak fit [counts]; 0 while nothing is near."""
     signal_counts: Float[Array, " e"]
-    """(r + c,) counts above the baseline, rows first."""
+    """(r + c,) counts above the baseline over the gain, rows first."""
     electrode_valid: Bool[Array, " e"]
     """(r + c,) electrodes that took part."""
     image: Float[Array, "c r"]
@@ -114,7 +127,7 @@ class PadMeasurement(eqx.Module):
 
 
 def pad_sensor_init(sensors: PadSensors) -> PadSensorState:
-    """State before the first frame; the pad is taken to be untouched."""
+    """State before the first frame; the pad is taken to be untouched, unless `touched_start` tells."""
     electrodes = sensors.peak.row_y_m.shape[0] + sensors.peak.column_x_m.shape[0]
     cavities = sensors.flow.zero_V.shape[0]
     return PadSensorState(
@@ -144,27 +157,33 @@ def pad_sensor_update(
     """
     now, dt, time_valid = frame_step(state.time_s, time_s)
     counts = jnp.concatenate([row_counts, column_counts])
-    reading = array_signal(sensors.array, state.array, counts)
+    started = starts_touched(sensors.array, sensors.touch, state.array, row_counts, column_counts)
+
+    def if_started(one: _S, other: _S) -> _S:
+        return jax.tree.map(lambda a, b: jnp.where(started, a, b), one, other)
+
+    known = if_started(known_baseline(sensors.array, state.array), state.array)
+    reading = array_signal(sensors.array, known, counts)
     rows = row_counts.shape[0]
     row_signal, column_signal = reading.signal_counts[:rows], reading.signal_counts[rows:]
-    touch = touch_update(
-        sensors.touch,
-        state.touch,
-        touch_strength(row_signal, column_signal),
-        flow_evidence(sensors.flow, state.flow),
-    )
+    strength = touch_strength(row_signal, column_signal)
+    evidence = flow_evidence(sensors.flow, state.flow)
+    touch = touch_update(sensors.touch, state.touch, strength, evidence)
+    touch = if_started(touch_begun(strength), touch)
     settled = state.felt.felt | (state.flow.released_s > sensors.flow.hold_off_s)
     flowing = jnp.where(settled, mean_flow(sensors.flow, state.flow), 0.0)
     felt = felt_update(sensors.felt, state.felt, dt, flowing, state.volume, touch.near)
     touching = touch.touching | felt.felt
-    flow_state, flow = flow_update(sensors.flow, state.flow, dt, flow_V, touching)
+    # What was squeezed out before the first frame is not known.
+    flowed = if_started(flow_unknown(sensors.flow, state.flow), state.flow)
+    flow_state, flow = flow_update(sensors.flow, flowed, dt, flow_V, touching)
     # An electrode found lying stays out until nothing is near.
     trusted = reading.valid & ~state.lying
     peak, (location, covariance, residual, honest, located) = _locate(
         sensors.peak, state.peak, reading.signal_counts, trusted, touch.near
     )
     lying = touch.near & (state.lying | (trusted & ~honest))
-    array = track_baseline(sensors.array, state.array, dt, counts, touch.near, touching)
+    array = track_baseline(sensors.array, known, dt, counts, touch.near, touching)
     later = PadSensorState(
         time_s=now,
         flow=flow_state,

@@ -89,6 +89,12 @@ def touch_init() -> TouchState:
     return TouchState(near=no, touching=no, frames=jnp.zeros((), int), largest_counts=jnp.zeros(()))
 
 
+def touch_begun(strength_counts: Float[Array, ""]) -> TouchState:
+    """State in which something touches with a strength [counts]."""
+    yes = jnp.asarray(True)
+    return TouchState(near=yes, touching=yes, frames=jnp.zeros((), int), largest_counts=strength_counts)
+
+
 def touch_strength(row_signal: Float[Array, " r"], column_signal: Float[Array, " c"]) -> Float[Array, ""]:
     """Strength m: row_signal (r,), column_signal (c,) [counts], invalid ones 0; returns m >= 0 [counts]."""
     return jnp.maximum(jnp.max(row_signal), 0.0) + jnp.maximum(jnp.max(column_signal), 0.0)

@@ -1,0 +1,76 @@
+"""Gains and baselines of crossed electrodes: from settings to sensors, and from a fit to settings."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softfuse.calibration.electrode_baseline import Untouched, untouched
+from softfuse.calibration.electrode_gains import GainFit
+from softfuse.config import load, save_edited
+from softfuse.config.build_electrodes import baseline_edits, gain_edits, with_gains
+from softfuse.config.build_sensors import build_sensors
+from softfuse.errors import ConfigError
+
+Write = Callable[..., Path]
+
+PLACE = "noise_counts = 8.0\n"
+GIVEN = "row_gain = [1.0, 1.1, 0.9, 1.0, 1.0, 1.0, 1.0, 1.2]\ncolumn_gain = 0.5\n"
+
+
+def test_what_was_fitted_is_read_again(write: Write, tmp_path: Path) -> None:
+    source = write((PLACE, PLACE + GIVEN))
+    config = load(source)
+    before = np.asarray(build_sensors(config).array.gain)
+    np.testing.assert_allclose(before[[1, 2, 7, 8, 15]], [1.1, 0.9, 1.2, 0.5, 0.5])
+    assert np.isinf(build_sensors(config).array.untouched_counts).all()
+    value = np.random.default_rng(0).normal(0.0, 0.05, 16)
+    gains = GainFit(("gain",) * 16, value, 1e-4 * np.eye(16), np.full(16, 0.05), 8)
+    counts = 20000.0 + 10.0 * np.arange(16)
+    told = with_gains(config, gains)
+    edits = {**gain_edits(told), **baseline_edits(config, Untouched(counts, np.ones(16)))}
+    after = save_edited(source, tmp_path / "fitted.toml", edits)
+    made = build_sensors(load(tmp_path / "fitted.toml")).array
+    np.testing.assert_allclose(made.gain, before * np.exp(value), rtol=1e-5)
+    np.testing.assert_array_equal(made.gain, build_sensors(told).array.gain)
+    np.testing.assert_array_equal(made.untouched_counts, counts)
+    assert after.sensors.capacitive.row_baseline == tuple(counts[:8])
+
+
+def test_nothing_known_is_nothing_written(write: Write) -> None:
+    config = load(write())
+    assert baseline_edits(config, None) == {}
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        (
+            "row_gain = [1.0, 1.0]",
+            "sensors.capacitive.row_gain: 2 values for 8 lines: give one, or one for each",
+        ),
+        ("column_gain = [1.0, 0.9, 1.1]", "sensors.capacitive.column_gain: 3 values for 8 lines"),
+        ("column_gain = 0.0", "sensors.capacitive.column_gain"),
+        ("row_baseline = [1.0]\ncolumn_baseline = [1.0]", "sensors.capacitive.row_baseline: 1 values for 8"),
+        (f"row_baseline = {[1.0] * 8}", "sensors.capacitive.column_baseline: missing, while row_baseline"),
+        (f"column_baseline = {[1.0] * 8}", "sensors.capacitive.row_baseline: missing, while column_baseline"),
+    ],
+)
+def test_a_wrong_number_is_told(write: Write, said: str, told: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load(write((PLACE, f"{PLACE}{said}\n")))
+    assert told in str(caught.value)
+
+
+def test_the_baseline_is_what_was_read_while_nothing_was_near() -> None:
+    rng = np.random.default_rng(1)
+    counts = 20000.0 + 8.0 * rng.standard_normal((300, 4))
+    counts[100:] += 3000.0
+    near = np.arange(300) >= 100
+    found = untouched(counts, np.broadcast_to(~near[:, None], counts.shape))
+    assert found is not None
+    np.testing.assert_allclose(found.counts, 20000.0, atol=4.0)
+    np.testing.assert_allclose(found.sigma, 8.0, rtol=0.3)
+    few = np.broadcast_to(np.arange(300)[:, None] < 20, counts.shape)
+    assert untouched(counts, few) is None
