@@ -12,10 +12,11 @@ from typing import ClassVar, Self
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from softfuse.body.body import Body
 from softfuse.body.stiffness_field import TERMS, with_field
+from softfuse.equilibrium.gas import SealedGas
 from softfuse.equilibrium.punch import PunchContact
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
@@ -46,6 +47,18 @@ class AbstractAdjustment(eqx.Module):
         """The device with parameters (p,)."""
         del value
         return device
+
+    def arms(
+        self, arm: Float[Array, " c"], press: Int[Array, ""], value: Float[Array, " p"]
+    ) -> Float[Array, " c"]:
+        """How far [m] from the middles of their places contacts (c,) of a press act, for arms (c,) [m]."""
+        del press, value
+        return arm
+
+    def prescribed(self, drive: Float[Array, " a"], value: Float[Array, " p"]) -> Float[Array, " a"]:
+        """The drives of attached loads (a,) where (a,) were measured, in SI."""
+        del value
+        return drive
 
     def measured(self, reading: Float[Array, " k"], value: Float[Array, " p"]) -> Float[Array, " k"]:
         """What the sensors say (k,) where the device's readings are (k,)."""
@@ -233,6 +246,20 @@ class Adjustments(eqx.Module):
             device = group.adjusted(device, part)
         return device
 
+    def arms(
+        self, arm: Float[Array, " c"], press: Int[Array, ""], value: Float[Array, " p"]
+    ) -> Float[Array, " c"]:
+        """How far [m] from the middles of their places contacts (c,) of a press act, for arms (c,) [m]."""
+        for group, part in zip(self.groups, self.of_group(value), strict=True):
+            arm = group.arms(arm, press, part)
+        return arm
+
+    def prescribed(self, drive: Float[Array, " a"], value: Float[Array, " p"]) -> Float[Array, " a"]:
+        """The drives of attached loads (a,) where (a,) were measured, in SI."""
+        for group, part in zip(self.groups, self.of_group(value), strict=True):
+            drive = group.prescribed(drive, part)
+        return drive
+
     def measured(self, reading: Float[Array, " k"], value: Float[Array, " p"]) -> Float[Array, " k"]:
         """What the sensors say (k,) where the device's readings are (k,)."""
         for group, part in zip(self.groups, self.of_group(value), strict=True):
@@ -247,7 +274,10 @@ def _body(device: Device) -> Body:
 
 
 def _with_body(device: Device, body: Body) -> Device:
-    return eqx.tree_at(lambda d: d.body, device, body)
+    attached = tuple(
+        load.sealed_in(body) if isinstance(load, SealedGas) else load for load in device.attached
+    )
+    return eqx.tree_at(lambda d: (d.body, d.attached), device, (body, attached))
 
 
 def _punch(device: Device) -> PunchContact:

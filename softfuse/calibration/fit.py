@@ -65,8 +65,9 @@ def fit(
     prior = np.asarray(adjustable.adjustments.sigma)
     group = _groups(presses)
 
-    def ask(z: Float[np.ndarray, " p"]) -> Answer:
-        return adjustable.answer(z * prior, presses.place_m, presses.force_N, seen=seen)
+    def ask(z: Float[np.ndarray, " p"], before: Answer | None = None) -> Answer:
+        near = None if before is None else before.states
+        return adjustable.answer(z * prior, presses.applied, near=near, seen=seen)
 
     z, answer = np.zeros(len(prior)), ask(np.zeros(len(prior)))
     before = presses.reading - answer.reading
@@ -92,7 +93,7 @@ def fit(
         length, found = 1.0, (here, z, answer)
         for _ in range(_SHORTENED):
             tried = z + length * step
-            read = ask(tried)
+            read = ask(tried, answer)
             there = at.cost(whitening, read, tried)
             found = min(found, (there, tried, read), key=lambda each: each[0])
             if here - there > 0.5 * promised * length * (2 - length):
@@ -151,7 +152,7 @@ class _Round:
 
 def _groups(presses: Presses) -> Int[np.ndarray, "s k"]:
     """The number (s, k) of each reading's group: one cavity in one press."""
-    _, press = np.unique(presses.press, return_inverse=True)
+    _, press = np.unique(presses.applied.press, return_inverse=True)
     count = presses.reading.shape[1]
     return press[:, None] * count + np.arange(count)
 

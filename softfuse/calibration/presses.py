@@ -1,7 +1,8 @@
 """Presses of known place and force, and what a device with other parameters would have read in them.
 
 One program answers for one press, its readings and their slopes in all parameters: one equilibrium, and one
-adjoint for each reading. It is compiled once and shared out over threads.
+adjoint for each reading. It is compiled once and shared out over threads. An equilibrium is searched from
+that of the sample before in the same press, or from where it was with other parameters.
 """
 
 from collections.abc import Callable
@@ -12,29 +13,41 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 
 from softfuse.calibration.adjustment import Adjustments
-from softfuse.equilibrium.solution import RESULTS
+from softfuse.equilibrium.load import AbstractContact
+from softfuse.equilibrium.solution import RESULTS, Solution, State
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device, simulate
-from softfuse.estimation.side_by_side import side_by_side
+from softfuse.estimation.side_by_side import shared_out
+
+
+@dataclass(frozen=True, eq=False)
+class Applied:
+    """What is done to a device in s samples, by c contacts in each.
+
+    `place` (s, c, ...): as the device's contact wants it, locations (3,) m or numbers of electrodes;
+    `force_N` (s, c): 0 where a contact does not press; `prescribed` (s, a): drives of the attached loads;
+    `press` (s,): samples with the same number belong to one press, one after the other; a negative number is
+    none's.
+    """
+
+    place: np.ndarray
+    force_N: Float[np.ndarray, "s c"]
+    prescribed: Float[np.ndarray, "s a"]
+    press: Int[np.ndarray, " s"]
 
 
 @dataclass(frozen=True, eq=False)
 class Presses:
-    """s samples of presses with one contact.
-
-    `place_m` (s, 3), `force_N` (s,): known; `reading` (s, k) in SI with standard deviations `sigma` (s, k) of
-    the sensors' noise, inf for one that says nothing; `press` (s,): samples with the same number belong to
-    one press.
+    """s samples of presses: what was `applied`, and `reading` (s, k) in SI with standard deviations `sigma`
+    (s, k) of the sensors' noise, inf for one that says nothing.
     """
 
-    place_m: Float[np.ndarray, "s 3"]
-    force_N: Float[np.ndarray, " s"]
+    applied: Applied
     reading: Float[np.ndarray, "s k"]
     sigma: Float[np.ndarray, "s k"]
-    press: Int[np.ndarray, " s"]
 
     @property
     def told(self) -> Any:
@@ -44,13 +57,11 @@ class Presses:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Readings (s, k) in SI of a device, their slopes (s, k, p) in its parameters, and those (s, k, 3) [1/m]
-    in the place of the press.
-    """
+    """Readings (s, k) in SI of a device, their slopes (s, k, p) in its parameters, its equilibria (s,)."""
 
     reading: Float[np.ndarray, "s k"]
     slope: Float[np.ndarray, "s k p"]
-    place_slope: Float[np.ndarray, "s k 3"]
+    states: tuple[State, ...]
 
 
 class Adjustable:
@@ -60,44 +71,92 @@ class Adjustable:
         """Compiles when first asked; `device` is as configured, with parameters 0."""
         self.adjustments = adjustments
         self._device = device
-        self._others = np.zeros(device.loads(jnp.zeros((1, 3))).sizes.drives - 1)
 
     def answer(
         self,
         value: Float[np.ndarray, " p"],
-        place_m: Float[np.ndarray, "s 3"],
-        force_N: Float[np.ndarray, " s"],
+        applied: Applied,
         *,
+        near: tuple[State, ...] | None = None,
         seen: Callable[[], None] = lambda: None,
     ) -> Answer:
-        """What the device with parameters (p,) reads when pressed at places (s, 3) m with forces (s,) N;
-        `seen` is called after each.
+        """What the device with parameters (p,) reads in samples (s,); `near` (s,): equilibria of nearly the
+        same device, to start from; `seen` is called after each sample.
 
         Raises SolveError naming the press that has no equilibrium.
         """
+        each = (applied.place, applied.force_N, applied.prescribed, applied.press)
+        found: dict[int, tuple[np.ndarray, np.ndarray, State]] = {}
 
-        def one(place: np.ndarray, force: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            drive = np.concatenate([[force], self._others])
-            slopes, (reading, result) = _read(self._device, self.adjustments, value, place, drive)
-            if not bool(result == RESULTS.converged):
-                x, y = 1e3 * place[:2]
-                raise SolveError(
-                    f"the press with {force:.2f} N at ({x:.1f}, {y:.1f}) mm has no equilibrium with the "
-                    f"parameters that the fit tries: {RESULTS[result]}"
-                )
-            seen()
-            slope, place_slope = slopes
-            return np.asarray(reading), np.asarray(slope), np.asarray(place_slope)
+        def press(samples: Int[np.ndarray, " t"]) -> None:
+            before = None
+            for i in samples:
+                start = before if near is None else near[i]
+                found[i] = self._one(value, tuple(given[i] for given in each), start)
+                before = found[i][2]
+                seen()
 
-        return Answer(*side_by_side(one, place_m, force_N))
+        # What else waits for these is lost where one fails.
+        list(shared_out(press, _by_press(applied)))
+        reading, slope, states = zip(*(found[i] for i in range(len(applied.press))), strict=True)
+        return Answer(np.array(reading), np.array(slope), states)
+
+    def _one(
+        self, value: np.ndarray, given: tuple[np.ndarray, ...], start: State | None
+    ) -> tuple[np.ndarray, np.ndarray, State]:
+        rest = self._device.rest_state(jnp.asarray(given[0]))
+        for begin in (rest,) if start is None else (start, rest):
+            slope, (reading, found) = _read(self._device, self.adjustments, value, given, begin)
+            if bool(found.result == RESULTS.converged):
+                return np.asarray(reading), np.asarray(slope), found.state
+        place, force, *_ = given
+        raise SolveError(
+            f"the press with {_listed(force)} N at {_said(place)} has no equilibrium with the parameters "
+            f"that the fit tries: {RESULTS[found.result]}"
+        )
+
+
+def _by_press(applied: Applied) -> list[Int[np.ndarray, " t"]]:
+    """The samples of each press while nothing but its forces changes, in their order."""
+    ends = np.zeros(len(applied.press), bool)
+    ends[1:] = applied.press[1:] != applied.press[:-1]
+    ends[1:] |= np.any(applied.place[1:] != applied.place[:-1], axis=tuple(range(1, applied.place.ndim)))
+    ends |= applied.press < 0
+    return np.split(np.arange(len(ends)), np.flatnonzero(ends[1:]) + 1)
+
+
+def _listed(numbers: np.ndarray) -> str:
+    return ", ".join(f"{number:.2f}" for number in numbers)
+
+
+def _said(place: np.ndarray) -> str:
+    """Places as people read them."""
+    if place.ndim == 1:
+        return f"electrodes {', '.join(str(k) for k in place)}"
+    return ", ".join(f"({_listed(1e3 * at[:2])}) mm" for at in place)
 
 
 @eqx.filter_jit
-def _read(device: Device, adjustments: Adjustments, value: Any, place: Any, drive: Any) -> Any:
-    def read(value, place):
-        made = adjustments.adjusted(device, value)
-        solution = simulate(made, place[None], drive)
-        reading = adjustments.measured(made.reading(solution.state), value)
-        return reading, (reading, solution.result)
+def _read(device: Device, adjustments: Adjustments, value: Any, given: Any, start: State) -> Any:
+    place, force, prescribed, press = given
 
-    return jax.jacrev(read, argnums=(0, 1), has_aux=True)(jnp.asarray(value), jnp.asarray(place))
+    def read(value: Array) -> tuple[Array, tuple[Array, Solution]]:
+        made = adjustments.adjusted(device, value)
+        arms = adjustments.arms(jnp.zeros(len(force)), press, value)
+        forces = [_shared(made.contact, *each) for each in zip(place, force, arms, strict=True)]
+        drive = jnp.concatenate([*forces, adjustments.prescribed(prescribed, value)])
+        found = simulate(made, place, drive, start)
+        reading = adjustments.measured(made.reading(found.state), value)
+        return reading, (reading, found)
+
+    place = jnp.asarray(place)
+    return jax.jacrev(read, has_aux=True)(jnp.asarray(value))
+
+
+def _shared(contact: AbstractContact, place: Array, force: Array, arm: Array) -> Float[Array, " d"]:
+    """The drives (d,) [N] of a contact that presses with a force [N], an arm [m] from the middle of its
+    place.
+    """
+    arms = contact.arms(place)
+    square = jnp.sum(arms**2)
+    return force * (1 / arms.shape[0] + arm * arms / jnp.where(square > 0, square, 1.0))

@@ -1,40 +1,28 @@
 """softfuse calibrate: fit a device to presses of known place and force, with what it is sure of."""
 
-import re
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
-from jaxtyping import Int
 
-from softfuse.calibration.array_pose import Located, fit_pose
-from softfuse.calibration.fit import Fit, fit
-from softfuse.calibration.grid import Grid
+from softfuse.calibration.fit import fit
 from softfuse.calibration.next_press import gain
-from softfuse.calibration.presses import Adjustable, Presses
+from softfuse.calibration.presses import Adjustable
 from softfuse.cli.calibration_report import Calibrated, Further, tell, write_report
-from softfuse.cli.recorded import sample_frames, sensor_columns, sensor_frames
-from softfuse.cli.terminal import Quiet, busy, counted, stdout, tracked
+from softfuse.cli.device_calibration import AbstractCalibration
+from softfuse.cli.felt_presses import chosen_frames, felt_presses
+from softfuse.cli.finger_calibration import FingerCalibration
+from softfuse.cli.pad_calibration import PadCalibration
+from softfuse.cli.recorded import sensor_columns
+from softfuse.cli.terminal import Quiet, busy, counted, stdout
 from softfuse.config import DeviceConfig, load, save_edited
-from softfuse.config.build_calibration import (
-    build_adjustments,
-    build_pose_prior,
-    calibrated_edits,
-    pose_edits,
-)
+from softfuse.config.build_calibration import build_adjustments, calibrated_edits, fitted_device
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
-from softfuse.config.build_tracker import build_senses
-from softfuse.config.contact import DiscSettings
-from softfuse.errors import RecordingError, SoftfuseError
-from softfuse.estimation.compiled_senses import CompiledSenses
-from softfuse.estimation.reading_spread import write_spread
+from softfuse.errors import SoftfuseError
 from softfuse.hardware.recording import Recording, read_recording
-from softfuse.sensing.senses import Sensed
 
 
 def calibrate(
@@ -57,56 +45,59 @@ def calibrate(
     settings = load(config)
     _check_out(out)
     read = [read_recording(path, sensor_columns(settings)) for path in recordings]
-    chosen = [_chosen_frames(recording, presses) for recording in read]
-    calibrated = calibrated_device(settings, read, chosen, out, quiet=quiet)
+    calibrated = calibrated_device(settings, read, out, presses=presses, quiet=quiet)
     if not quiet:
-        files = ", ".join(str(out.with_suffix(kind)) for kind in (".npz", ".html"))
-        lines = [*tell(calibrated), f"written to {out}, {files}"]
+        files = [out.with_suffix(kind) for kind in (".toml", ".npz", ".html")]
+        written = ", ".join(str(each) for each in files if each.exists())
+        lines = [*tell(calibrated), f"written to {written}"]
         stdout.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
 
 
 def calibrated_device(
     settings: DeviceConfig,
     recordings: Sequence[Recording],
-    chosen: Sequence[Int[np.ndarray, " s"]],
     out: Path,
     *,
+    presses: str | None = None,
     quiet: bool,
 ) -> Calibrated:
-    """The device of a configuration fitted to some frames (s,) of each recording; written to `out`, last the
-    report.
+    """The device of a configuration fitted to presses in recordings, all or those in a list such as "0-4";
+    written to `out`, last the report.
 
-    Raises ConfigError for a device that cannot be fitted, SoftfuseError when presses cannot be explained.
+    Raises ConfigError for a device that cannot be fitted, RecordingError for a recording without such
+    presses, SoftfuseError when presses cannot be explained.
     """
+    sealed = settings.sensors is not None and settings.sensors.sealed is not None
+    kind: AbstractCalibration = FingerCalibration(settings) if sealed else PadCalibration(settings)
+    chosen = [chosen_frames(kind, recording, presses) for recording in recordings]
     with busy("meshing", quiet=quiet):
         mesh = build_mesh(settings)
-        device = build_device(settings, mesh)
-        adjustments = build_adjustments(settings, device, mesh)
-    felt = _felt_presses(settings, recordings, chosen, quiet=quiet)
-    known, called = felt.presses, felt.called
+        device = fitted_device(settings, build_device(settings, mesh))
+    felt = felt_presses(kind, recordings, chosen, quiet=quiet)
+    sharper = kind.sharpened(felt)
+    if sharper is not None:
+        kind, felt = sharper, felt_presses(sharper, recordings, chosen, quiet=quiet)
+    known = felt.presses
+    adjustments = build_adjustments(settings, device, mesh, known.applied, felt.called)
     adjustable = Adjustable(device, adjustments)
     with counted("fitting", "presses simulated", quiet=quiet) as simulated:
         found = fit(adjustable, known, seen=simulated)
-    assert isinstance(settings.contact, DiscSettings)  # build_adjustments has told
-    area = settings.contact.workspace
-    grid = Grid.over(area.x, area.y, float(known.force_N.max()))
-    pose = None
-    if felt.located is not None:
-        pose = fit_pose(felt.located, build_pose_prior(settings), grid.place_m[:, :2])
+    further = kind.further(known.applied)
     with counted("looking over the workspace", "presses simulated", quiet=quiet) as simulated:
-        answer = adjustable.answer(found.value, grid.place_m, grid.force_N, seen=simulated)
-    spread_path = out.with_suffix(".npz")
-    write_spread(spread_path, grid.spread(answer, found.covariance), **_posterior(found))
-    edits = {
-        **calibrated_edits(settings, device, adjustments, found.value),
-        **pose_edits(settings, pose),
-        ("estimator", "model_error"): float(f"{found.discrepancy.part:.4g}"),
-        ("estimator", "reading_spread"): spread_path.name,
-    }
-    save_edited(settings.path, out, edits)
+        answer = adjustable.answer(found.value, further, seen=simulated)
+    certainty = kind.certainty(felt, found, further, answer, out)
+    edits = calibrated_edits(settings, device, adjustments, found.value)
+    save_edited(settings.path, out, {**edits, **certainty.edits})
     noise = float(np.median(known.sigma[known.told]))
-    further = Further(grid.place_m, grid.force_N, gain(found, answer, noise))
-    calibrated = Calibrated(settings, known, called, found, pose, further)
+    next_presses = Further(
+        kind.places_mm(further),
+        [
+            f"{kind.at(further, press)}, {force:.3g} N"
+            for press, force in zip(further.press, further.force_N[:, 0], strict=True)
+        ],
+        gain(found, answer, noise),
+    )
+    calibrated = Calibrated(settings, kind.quantity, felt, found, certainty.electrodes, next_presses)
     write_report(out.with_suffix(".html"), calibrated)
     return calibrated
 
@@ -117,115 +108,3 @@ def _check_out(out: Path) -> None:
         raise SoftfuseError(f"--out {out}: give a file that ends with .toml")
     if not out.parent.is_dir():
         raise SoftfuseError(f"--out {out}: there is no folder {out.parent}")
-
-
-def _chosen_frames(recording: Recording, presses: str | None) -> Int[np.ndarray, " s"]:
-    at = sample_frames(recording)
-    if not at.size:
-        raise RecordingError(
-            f"the recording {recording.path} has no samples with known force: calibration needs the columns "
-            "sample (1, 2, ... where the force is held), true_x_mm, true_y_mm and true_force_N"
-        )
-    if presses is None:
-        return at
-    wanted = parse_presses(presses)
-    at = at[np.isin(recording.matrix(["press"])[at, 0], list(wanted))]
-    if not at.size:
-        raise RecordingError(f"the recording {recording.path} has no samples in the presses {presses}")
-    return at
-
-
-def parse_presses(text: str) -> set[int]:
-    """The numbers in a list such as "0-4,7"; raises SoftfuseError when it is something else."""
-    wanted: set[int] = set()
-    for part in text.split(","):
-        ends = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
-        if ends is None:
-            raise SoftfuseError(f'--presses "{text}" is no list of numbers: give one such as 0-4 or 0,2,5-7')
-        first = int(ends[1])
-        wanted |= set(range(first, int(ends[2] or first) + 1))
-    return wanted
-
-
-@dataclass(frozen=True, eq=False)
-class _Felt:
-    """What the sensors say of presses: their readings, where crossed electrodes place them (None without
-    such), and what to call each press.
-    """
-
-    presses: Presses
-    located: Located | None
-    called: dict[int, str]
-
-
-def _felt_presses(
-    settings: DeviceConfig,
-    recordings: Sequence[Recording],
-    chosen: Sequence[Int[np.ndarray, " s"]],
-    *,
-    quiet: bool,
-) -> _Felt:
-    """The samples of all recordings; the presses of different ones are different."""
-    parts, found, called = list[Presses](), list[Sensed](), dict[int, str]()
-    with ThreadPoolExecutor(1) as aside:
-        senses = CompiledSenses(build_senses(settings), aside)
-        for recording, at in zip(recordings, chosen, strict=True):
-            last = int(at.max()) + 1
-            frames = sensor_frames(settings, recording)[:last]
-            senses.reset()
-            sensed = [
-                senses.update(frame.time_s, frame.readings)
-                for frame in tracked(frames, "sensing", total=last, quiet=quiet)
-            ]
-            found += [sensed[i].sensed for i in at]
-            known = _samples(recording, at, found[-len(at) :])
-            names, number = np.unique(known.press, return_inverse=True)
-            where = f" of {recording.path.name}" if len(recordings) > 1 else ""
-            parts.append(replace(known, press=number + len(called)))
-            called |= {
-                k + len(called): f"{name if name >= 0 else 'without number'}{where}"
-                for k, name in enumerate(names)
-            }
-    whole = {
-        each.name: np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(Presses)
-    }
-    presses = Presses(**whole)
-    assert settings.sensors is not None  # its frames have been read
-    return _Felt(presses, _located(presses, found) if settings.sensors.crossed else None, called)
-
-
-def _located(presses: Presses, sensed: Sequence[Sensed]) -> Located | None:
-    """Where the electrodes place the samples that they feel; None when they feel none."""
-    location = np.array([np.asarray(each.location_m)[0, :2] for each in sensed])
-    sigma = np.array([np.asarray(each.location_sigma_m)[0] for each in sensed])
-    on = np.isfinite(location).all(axis=1) & np.isfinite(sigma).all(axis=1)
-    if not on.any():
-        return None
-    return Located(presses.place_m[on, :2], location[on], sigma[on], presses.press[on])
-
-
-def _samples(recording: Recording, at: Int[np.ndarray, " s"], sensed: list[Sensed]) -> Presses:
-    columns = recording.columns
-    place = 1e-3 * np.stack([columns["true_x_mm"][at], columns["true_y_mm"][at], 0.0 * at], axis=1)
-    # A sample of no known press is one by itself.
-    press = columns["press"][at] if "press" in columns else np.full(len(at), np.nan)
-    press = np.where(np.isfinite(press), press, -1 - np.arange(len(at)))
-    # What nothing is felt to touch has read nothing.
-    valid = np.array([each.valid & each.touching.any() for each in sensed])
-    return Presses(
-        place,
-        columns["true_force_N"][at],
-        np.array([each.reading for each in sensed]),
-        np.where(valid, np.array([each.sigma for each in sensed]), np.inf),
-        press.astype(int),
-    )
-
-
-def _posterior(found: Fit) -> dict[str, np.ndarray]:
-    """What the file of the spread says of parameters besides."""
-    return {
-        "names": np.array(found.names),
-        "value": found.value,
-        "covariance": found.covariance,
-        "prior_sigma": found.prior_sigma,
-    }

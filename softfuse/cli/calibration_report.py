@@ -1,22 +1,28 @@
 """What `softfuse calibrate` tells: parameters with intervals, what presses cannot tell, what would help."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
 from softfuse.calibration.adjustment import Measure
 from softfuse.calibration.array_pose import PoseFit
+from softfuse.calibration.electrode_baseline import Untouched
+from softfuse.calibration.electrode_gains import GainFit
 from softfuse.calibration.fit import Fit
 from softfuse.calibration.posterior import AbstractPosterior
-from softfuse.calibration.presses import Presses
+from softfuse.cli.device_calibration import Electrodes, Felt, Quantity
 from softfuse.config import DeviceConfig
 from softfuse.experiment.accuracy import NINETY
 from softfuse.experiment.calibration_figures import misfits, usefulness
 from softfuse.experiment.report import page, picture, table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _TOLD = 0.5
 """A parameter of whose variance the presses took less than this is called not told."""
@@ -38,10 +44,12 @@ _OFF = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Further:
-    """Further presses at places (s, 3) m with forces (s,) N, and what each would tell (s,) [nat]."""
+    """Further presses, at places (s, 2) mm where there is a map of them, what people call each (s,), and what
+    it would tell (s,) [nat].
+    """
 
-    place_m: Float[np.ndarray, "s 3"]
-    force_N: Float[np.ndarray, " s"]
+    place_mm: Float[np.ndarray, "s 2"] | None
+    called: Sequence[str]
     gain: Float[np.ndarray, " s"]
 
     @property
@@ -52,30 +60,40 @@ class Further:
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """A configuration, the presses it was fitted to with what people call them, the fit, the pose of its
-    electrodes if it has such, and what may be pressed next.
+    """A configuration, what its readings are, the presses it was fitted to, the fit, what was found of
+    crossed electrodes, and what may be pressed next.
     """
 
     config: DeviceConfig
-    presses: Presses
-    called: dict[int, str]
+    quantity: Quantity
+    felt: Felt
     fit: Fit
-    pose: PoseFit | None
+    electrodes: Electrodes
     further: Further
+
+    @property
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """All parameters: see `_rows`."""
+        found = (self.fit, self.electrodes.pose, self.electrodes.gains)
+        return [row for each in found for row in _rows(each)]
 
 
 def tell(calibrated: Calibrated) -> Iterator[str]:
     """The lines that people read at once."""
-    fit, presses = calibrated.fit, calibrated.presses
-    before, after = (1e9 * _rms(each[presses.told]) for each in (fit.before, fit.after))
-    count = len(np.unique(presses.press))
-    off = f"volumes off by {before:.1f} mm³ before, {after:.1f} after"
-    yield f"{len(presses.force_N)} samples of {count} presses: {off}"
-    yield f"the model may be wrong by {100 * fit.discrepancy.part:.1f} % of a volume"
-    for name, value, width, told in [*_rows(fit), *_rows(calibrated.pose)]:
+    fit, presses, of = calibrated.fit, calibrated.felt.presses, calibrated.quantity
+    before, after = (of.per_si * _rms(each[presses.told]) for each in (fit.before, fit.after))
+    off = f"{of.name} off by {before:.1f} {of.unit} before, {after:.1f} after"
+    yield f"{len(presses.reading)} samples of {len(calibrated.felt.called)} presses: {off}"
+    yield f"the model may be wrong by {100 * fit.discrepancy.part:.1f} % of {of.name}"
+    for name, value, width, told in calibrated.rows:
         yield f"{name}: {value} ± {width} (90 %), {told}"
-    if calibrated.pose is not None:
-        yield _spreading(calibrated.pose)
+    electrodes = calibrated.electrodes
+    if electrodes.pose is not None:
+        yield _spreading(electrodes.pose)
+    if electrodes.gains is not None:
+        yield _relative(electrodes.gains)
+    if electrodes.untouched is not None:
+        yield _at_rest(electrodes.untouched)
     for a, b, correlation in _inseparable(fit):
         yield f"{a} and {b} cannot be told apart (correlated {correlation:+.2f})"
     for k, press, weight in _doubtful(calibrated):
@@ -85,27 +103,27 @@ def tell(calibrated: Calibrated) -> Iterator[str]:
 
 def write_report(path: Path, calibrated: Calibrated) -> None:
     """Write the report, one HTML file."""
-    fit, presses = calibrated.fit, calibrated.presses
-    names = [cavity.name for cavity in calibrated.config.cavities]
+    fit, presses, of = calibrated.fit, calibrated.felt.presses, calibrated.quantity
     pairs = [(a, b, f"{correlation:+.2f}") for a, b, correlation in _inseparable(fit)]
     by_press = []
-    for number in np.unique(presses.press):
-        on = (presses.press == number)[:, None] & presses.told
-        place = 1e3 * presses.place_m[presses.press == number][0]
-        rms = [f"{1e9 * _rms(each[on]):.1f}" for each in (fit.before, fit.after)]
-        by_press.append((calibrated.called[number], f"({place[0]:.1f}, {place[1]:.1f})", *rms))
+    for number, called in calibrated.felt.called.items():
+        on = (presses.applied.press == number)[:, None] & presses.told
+        rms = [f"{of.per_si * _rms(each[on]):.1f}" for each in (fit.before, fit.after)]
+        by_press.append((called, calibrated.felt.at[number], *rms))
     doubtful = [(press, k, f"{weight:.2f}") for k, press, weight in _doubtful(calibrated)]
     head = ("parameter", "fitted", "± 90 %", "what the presses tell")
     sections = [
         (
             "Parameters",
-            table(head, [*_rows(fit), *_rows(calibrated.pose)])
+            table(head, calibrated.rows)
             + _paragraph(
                 "Stiffness: factor on all moduli. Stiffness field: factor on them, over what is configured, "
                 "at the far end of the body along x, y or z, where both axes end for products such as xy, at "
                 "both ends of an axis for squares such as xx. Stiffening: Yeoh's c2 over c1 that is added. "
                 "Layer: compliance between disc and body, over the configured one or, where none is, over "
-                "that of a hundredth of the disc's radius per shear modulus."
+                "that of a hundredth of the disc's radius per shear modulus. Compliance of a cable: over the "
+                "configured one or, where none is, over that which lets it stretch by a hundredth under its "
+                "largest tension. Place: where along an electrode a contact of a press acts."
             ),
         ),
         (
@@ -116,29 +134,47 @@ def write_report(path: Path, calibrated: Calibrated) -> None:
         ),
         (
             "Misfits",
-            table(("press", "at [mm]", "before [mm³]", "after [mm³]"), by_press)
+            table(("press", "at", f"before [{of.unit}]", f"after [{of.unit}]"), by_press)
             + picture(
-                misfits(1e9 * presses.reading, 1e9 * fit.before, 1e9 * fit.after, names),
-                "Measured minus modelled volume changes over measured ones, before and after the fit; "
-                "before: as configured, but for a layer of such a compliance where none is configured.",
+                _misfits(calibrated),
+                f"Measured minus modelled {of.name} over measured ones, before and after the fit; before: as "
+                "configured, but for layers and cables of typical compliance where none is configured.",
             ),
         ),
     ]
-    if calibrated.pose is not None:
-        sections.append(("Locations", _paragraph(_spreading(calibrated.pose))))
+    electrodes = calibrated.electrodes
+    if electrodes.pose is not None:
+        sections.append(("Locations", _paragraph(_spreading(electrodes.pose))))
+    if electrodes.gains is not None:
+        sections.append(("Gains of electrodes", _paragraph(_relative(electrodes.gains))))
+    if electrodes.untouched is not None:
+        sections.append(("Electrodes untouched", _untouched(calibrated.config, electrodes.untouched)))
     if doubtful:
         sections.append(("Readings that nothing explains", table(("press", "cavity", "weight"), doubtful)))
     most = calibrated.further
     sections.append(
         (
             "The next press",
-            _paragraph(_next(most))
-            + picture(
-                usefulness(1e3 * most.place_m[:, :2], most.gain), "What one more press would tell [nat]."
-            ),
+            _paragraph(_next(most)) + _map(most),
         )
     )
     path.write_text(page(f"{calibrated.config.device.name}: calibration", sections), encoding="utf-8")
+
+
+def _misfits(calibrated: Calibrated) -> "Figure":
+    fit, of = calibrated.fit, calibrated.quantity
+    names = [cavity.name for cavity in calibrated.config.cavities]
+    reading, before, after = (
+        of.per_si * each for each in (calibrated.felt.presses.reading, fit.before, fit.after)
+    )
+    return misfits(reading, before, after, names, of.unit)
+
+
+def _map(further: Further) -> str:
+    if further.place_mm is None:
+        rows = sorted(zip(further.called, further.gain, strict=True), key=lambda row: -row[1])
+        return table(("press", "tells [nat]"), [(called, f"{gain:.2f}") for called, gain in rows])
+    return picture(usefulness(further.place_mm, further.gain), "What one more press would tell [nat].")
 
 
 def _paragraph(text: str) -> str:
@@ -151,6 +187,33 @@ def _spreading(pose: PoseFit) -> str:
         f"locations off by {before:.3f} mm before, {after:.3f} after; they spread {pose.factor:.2f} times as "
         "wide as their fits promise"
     )
+
+
+def _relative(gains: GainFit) -> str:
+    width = 100 * NINETY * np.median(gains.relative_sigma)
+    return (
+        "a gain that all rows, or all columns, have in common cannot be told from a touch's strength; over "
+        f"their mean gains are known to ± {width:.2f} % (90 %, median)"
+    )
+
+
+def _at_rest(found: Untouched) -> str:
+    return (
+        f"electrodes untouched: {found.counts.min():.0f} to {found.counts.max():.0f} counts, standard "
+        f"deviation of a reading {np.median(found.sigma):.1f} (median), by noise and drift while recorded"
+    )
+
+
+def _untouched(config: DeviceConfig, found: Untouched) -> str:
+    assert config.sensors is not None  # they were read
+    crossed = config.sensors.capacitive
+    lines = (*crossed.row_channels, *crossed.column_channels)
+    rows = [
+        (line, f"{counts:.1f}", f"{sigma:.1f}")
+        for line, counts, sigma in zip(lines, found.counts, found.sigma, strict=True)
+    ]
+    head = ("electrode", "reads [counts]", "standard deviation of a reading")
+    return table(head, rows) + _paragraph(_at_rest(found))
 
 
 def _rows(fit: AbstractPosterior | None) -> list[tuple[str, str, str, str]]:
@@ -176,22 +239,22 @@ def _inseparable(fit: Fit) -> list[tuple[str, str, float]]:
 
 def _doubtful(calibrated: Calibrated) -> list[tuple[str, str, float]]:
     """Cavity, press and weight of the readings that count little."""
-    fit, presses = calibrated.fit, calibrated.presses
+    fit, presses = calibrated.fit, calibrated.felt.presses
     full = np.max(fit.weight)
     found = []
-    for number in np.unique(presses.press):
-        weight = np.max(fit.weight[presses.press == number], axis=0) / full
-        told = np.any(presses.told[presses.press == number], axis=0)
+    for number, called in calibrated.felt.called.items():
+        on = presses.applied.press == number
+        weight = np.max(fit.weight[on], axis=0) / full
+        told = np.any(presses.told[on], axis=0)
         for k in np.flatnonzero(told & (weight < _OFF)):
-            found.append((calibrated.config.cavities[k].name, calibrated.called[number], float(weight[k])))
+            found.append((calibrated.config.cavities[k].name, called, float(weight[k])))
     return found
 
 
 def _next(further: Further) -> str:
     best = further.best
-    x, y = 1e3 * further.place_m[best, :2]
     return (
-        f"one more press would tell most at ({x:.0f}, {y:.0f}) mm with {further.force_N[best]:.1f} N: "
+        f"one more press would tell most at {further.called[best]}: "
         f"{further.gain[best]:.2f} nat, {np.median(further.gain):.2f} elsewhere"
     )
 

@@ -13,7 +13,7 @@ from softfuse.cli.evaluation_finger import FINGER
 from softfuse.cli.evaluation_pad import PAD
 from softfuse.cli.evaluation_report import write_evaluation
 from softfuse.cli.interruption import termination_interrupts
-from softfuse.cli.recorded import sample_frames, sensor_columns
+from softfuse.cli.recorded import sensor_columns
 from softfuse.cli.result_folder import claim
 from softfuse.cli.sweep_worker import installed_version
 from softfuse.cli.terminal import Quiet, busy, printable, stdout
@@ -78,7 +78,7 @@ def _calibrated(settings: DeviceConfig, recordings: Sequence[Path], out: Path, *
     fitted = out / "fitted.toml"
     if not all(fitted.with_suffix(suffix).exists() for suffix in (".toml", ".npz", ".html")):
         read = [read_recording(path, sensor_columns(settings)) for path in recordings]
-        calibrated_device(settings, read, [sample_frames(each) for each in read], fitted, quiet=quiet)
+        calibrated_device(settings, read, fitted, quiet=quiet)
     return fitted
 
 

@@ -1,6 +1,7 @@
 """From settings to the parameters that a calibration fits, and from fitted parameters back to settings."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -18,8 +19,13 @@ from softfuse.calibration.adjustment import (
     Walls,
 )
 from softfuse.calibration.array_pose import PoseFit, PosePrior
+from softfuse.calibration.attached_adjustment import CableCompliances, CableZeros, DeadVolumes
+from softfuse.calibration.contact_places import ContactPlaces
+from softfuse.calibration.presses import Applied
+from softfuse.config.attached import ElectrodePlace
 from softfuse.config.build_mesh import DeviceMesh
-from softfuse.config.contact import DiscSettings
+from softfuse.config.build_sweep import with_shortened
+from softfuse.config.contact import DiscSettings, PatchSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.config.file import Edits, Key
 from softfuse.config.material import Material, OneModulus, SeveralModuli
@@ -30,23 +36,37 @@ from softfuse.material.base import AbstractMaterial
 from softfuse.material.yeoh import Yeoh
 
 
-def build_adjustments(config: DeviceConfig, device: Device, mesh: DeviceMesh) -> Adjustments:
-    """What [calibration] says may differ from the config, of the device and the mesh that were built of it.
+def fitted_device(config: DeviceConfig, device: Device) -> Device:
+    """A config's device as it is known in presses: its cables are shortened by given lengths, and it reads
+    the volumes or the pressures of its cavities.
+    """
+    cables = len(config.cables)
+    sealed = len(config.cavities) if config.gas is not None else 0
+    return replace(with_shortened(device, (True,) * cables), gauges=tuple(range(cables, cables + sealed)))
 
-    Raises ConfigError when the device is not pressed by discs, has no flow sensors, or nothing may differ.
+
+def build_adjustments(
+    config: DeviceConfig, device: Device, mesh: DeviceMesh, applied: Applied, called: dict[int, str]
+) -> Adjustments:
+    """What [calibration] says may differ from the config, of its `fitted_device` on a mesh, in presses that
+    people call something.
+
+    Raises ConfigError when the device has no sensors, cables of unknown length, or nothing may differ.
     """
     may = config.calibration
-    if not isinstance(config.contact, DiscSettings):
-        raise ConfigError(f"{config.path}: contact.model: only a device pressed by discs can be calibrated")
-    if config.sensors is None or config.sensors.vented is None:
-        raise ConfigError(f"{config.path}: sensors.flow: missing, a calibration fits volumes of cavities")
+    if config.sensors is None:
+        raise ConfigError(f"{config.path}: sensors: missing, a calibration fits what they read")
+    if config.cables and config.sensors.cable is None:
+        raise ConfigError(
+            f"{config.path}: sensors.cable: missing, a calibration must know by how much cables are shortened"
+        )
     names = [cavity.name for cavity in config.cavities]
     groups: list[AbstractAdjustment] = []
     if may.stiffness:
         groups.append(Stiffness.within(may.stiffness))
     if may.stiffening and Stiffening.possible(device):
         groups.append(Stiffening.within(may.stiffening))
-    if may.contact_layer:
+    if may.contact_layer and isinstance(config.contact, DiscSettings):
         groups.append(Layer.of(device, may.contact_layer))
     if may.cavity_shift or may.cavity_growth:
         centres = np.array([np.add(cavity.centre, cavity.shift) for cavity in config.cavities])
@@ -56,9 +76,34 @@ def build_adjustments(config: DeviceConfig, device: Device, mesh: DeviceMesh) ->
         groups.append(StiffnessField.within(may.stiffness_field, config.body.stiffness_field.coefficients))
     if may.gain:
         groups.append(Gains.of(names, may.gain))
+    groups += _attached_adjustments(config, device)
     if not groups:
         raise ConfigError(f"{config.path}: calibration: all is 0, so that there is nothing to fit")
+    if isinstance(config.contact, PatchSettings) and config.contact.forces(config.electrodes) > 1:
+        electrodes = [electrode.name for electrode in config.electrodes]
+        sigma = _place_sigma(config.contact, config.electrodes)
+        groups.append(ContactPlaces.of(applied, called, electrodes, sigma))
     return Adjustments(tuple(groups))
+
+
+def _attached_adjustments(config: DeviceConfig, device: Device) -> list[AbstractAdjustment]:
+    may, groups = config.calibration, list[AbstractAdjustment]()
+    cables = [cable.name for cable in config.cables]
+    if cables and may.cable_zero:
+        groups.append(CableZeros.of(cables, may.cable_zero))
+    if cables and may.cable_compliance:
+        most = [cable.max_tension for cable in config.cables]
+        groups.append(CableCompliances.of(device, cables, most, may.cable_compliance))
+    if config.gas is not None and may.dead_volume:
+        groups.append(DeadVolumes.of([cavity.name for cavity in config.cavities], may.dead_volume))
+    return groups
+
+
+def _place_sigma(contact: PatchSettings, electrodes: Sequence[ElectrodePlace]) -> float:
+    """Of where a contact acts on its electrode [m]; anywhere on it where the config does not say."""
+    if contact.place_sigma is not None:
+        return contact.place_sigma
+    return float(np.mean([np.linalg.norm(electrode.span) for electrode in electrodes])) / np.sqrt(12)
 
 
 def calibrated_edits(
@@ -67,7 +112,7 @@ def calibrated_edits(
     """The edits of a config that make its device one with parameters (p,)."""
     made = adjustments.adjusted(device, value)
     # build_adjustments has told.
-    assert isinstance(made.body, Body) and isinstance(made.contact, PunchContact)
+    assert isinstance(made.body, Body) and config.sensors is not None
     edits: dict[Key, str | float | list[str] | list[float] | None] = {}
     for group, part in zip(adjustments.groups, adjustments.of_group(value), strict=True):
         part = np.asarray(part)
@@ -79,6 +124,7 @@ def calibrated_edits(
                     for key, said in _material(material, law).items():
                         edits["body", "material", k, key] = said
             case Layer():
+                assert isinstance(made.contact, PunchContact)
                 compliance = float(made.contact.disc.compliance)
                 edits["contact", "compliance"] = f"{1e9 * compliance:.6g} mm/MPa"
             case Walls():
@@ -87,9 +133,20 @@ def calibrated_edits(
                 for term, coefficient in zip(TERMS, np.asarray(group.configured) + part, strict=True):
                     edits["body", "stiffness_field", term] = _rounded(coefficient)
             case Gains():
-                assert config.sensors is not None  # build_adjustments has told
-                gain = np.broadcast_to(config.sensors.flow.gain, part.shape) * np.exp(part)
-                edits["sensors", "flow", "gain"] = [_rounded(each) for each in gain]
+                key = "flow" if config.sensors.vented else "pressure"
+                gain = np.broadcast_to(getattr(config.sensors, key).gain, part.shape) * np.exp(part)
+                edits["sensors", key, "gain"] = [_rounded(each) for each in gain]
+            case CableZeros():
+                assert config.sensors.cable is not None
+                zero = np.broadcast_to(config.sensors.cable.zero, part.shape) + part
+                edits["sensors", "cable", "zero"] = _millimetres(zero)
+            case CableCompliances():
+                for k, compliance in enumerate(group.typical * np.exp(part)):
+                    edits["cable", k, "compliance"] = f"{1e3 * float(compliance):.6g} mm/N"
+            case DeadVolumes():
+                assert config.gas is not None
+                dead = np.broadcast_to(config.gas.dead_volume, part.shape) * np.exp(part)
+                edits["gas", "dead_volume"] = [f"{1e9 * each:.6g} mm^3" for each in dead]
     return edits
 
 

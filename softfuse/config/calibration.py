@@ -14,9 +14,12 @@ class CalibrationSettings(Settings):
     stiffness: ln of a factor on all moduli; stiffness_field: of each coefficient of [body.stiffness_field];
     stiffening: Yeoh's c2 over c1; contact_layer: ln of the
     compliance of what lies between a disc and the body; cavity_shift, cavity_growth: of each cavity in place
-    and length along x, y and z, in m; gain: ln of what each flow sensor measures over what flows;
+    and length along x, y and z, in m; gain: ln of what each flow or pressure sensor measures over what there
+    is; cable_zero: of each measured length in m; cable_compliance, dead_volume: ln of those of each cable and
+    of each cavity's tube;
     array_shift, array_turn, array_stretch: of the electrodes on the body, in m, rad and as a part;
-    array_sigma: ln of how much wider locations spread than their fits promise.
+    array_sigma: ln of how much wider locations spread than their fits promise; electrode_gain: ln of the
+    gain of each line, at most.
 
     A stiffness field is left out by default: five presses of the reference pad narrow 0.05 to 0.04 at best,
     and with 0.1 or more it follows what else the model misses there, so that other presses are told worse.
@@ -29,7 +32,11 @@ class CalibrationSettings(Settings):
     cavity_shift: Annotated[Length, Ge(0)] = 0.3e-3
     cavity_growth: Annotated[Length, Ge(0)] = 0.3e-3
     gain: Annotated[Number, Ge(0)] = 0.02
+    cable_zero: Annotated[Length, Ge(0)] = 0.5e-3
+    cable_compliance: Annotated[Number, Ge(0)] = 1.0
+    dead_volume: Annotated[Number, Ge(0)] = 0.1
     array_shift: Annotated[Length, Ge(0)] = 0.5e-3
     array_turn: Annotated[Angle, Ge(0)] = 0.02
     array_stretch: Annotated[Number, Ge(0)] = 0.01
     array_sigma: PositiveNumber = 0.5
+    electrode_gain: Annotated[Number, Ge(0)] = 0.05

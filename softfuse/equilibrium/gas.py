@@ -7,6 +7,8 @@ at rest, more after pumping, less after a leak. Source: Navarro et al. 2020, eqs
 pressure on the walls out.
 """
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -42,6 +44,10 @@ class SealedGas(AbstractLoad):
         ports = VolumePorts.of(cavities, body)
         rest = jnp.stack([cavity(body.rest) for cavity in cavities])
         return cls(ports, rest, jnp.asarray(dead, float), jnp.asarray(atmosphere), jnp.asarray(exponent))
+
+    def sealed_in(self, body: AbstractBody) -> "SealedGas":
+        """The same in the cavities of a body of other rest nodes."""
+        return replace(self, rest=self.ports.values(body, jnp.zeros(body.n)))
 
     @property
     def sizes(self):

@@ -13,25 +13,28 @@ if TYPE_CHECKING:
 
 
 def misfits(
-    reading_mm3: Float[np.ndarray, "s k"],
-    before_mm3: Float[np.ndarray, "s k"],
-    after_mm3: Float[np.ndarray, "s k"],
+    reading: Float[np.ndarray, "s k"],
+    before: Float[np.ndarray, "s k"],
+    after: Float[np.ndarray, "s k"],
     names: Sequence[str],
+    unit: str,
 ) -> "Figure":
-    """Measured minus modelled volume changes of s samples over the measured ones, before and after a fit."""
+    """Measured minus modelled readings of s samples over the measured ones, before and after a fit, all in a
+    unit.
+    """
     figure = blank(9, 3.4)
     for axes, misfit, title in zip(
         figure.subplots(1, 2, sharey=True),
-        (before_mm3, after_mm3),
+        (before, after),
         ("before", "after"),
         strict=True,
     ):
         for k, name in enumerate(names):
-            axes.plot(reading_mm3[:, k], misfit[:, k], ".", color=colour(k), label=name)
+            axes.plot(reading[:, k], misfit[:, k], ".", color=colour(k), label=name)
         axes.axhline(0.0, color="0.6", lw=0.8)
-        axes.set(title=title, xlabel="measured volume change [mm³]")
+        axes.set(title=title, xlabel=f"measured [{unit}]")
         axes.grid(alpha=0.3)
-    figure.axes[0].set_ylabel("measured minus modelled [mm³]")
+    figure.axes[0].set_ylabel(f"measured minus modelled [{unit}]")
     figure.axes[1].legend(title="cavity", fontsize="small")
     return figure
 

@@ -1,5 +1,6 @@
 """A fit finds what a device was made with from presses of it, and says what presses cannot tell."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -10,7 +11,7 @@ from softfuse.body.body import Body
 from softfuse.body.element import LINEAR
 from softfuse.calibration.adjustment import Adjustments, Gains, Layer, Stiffening, Stiffness, Walls
 from softfuse.calibration.fit import Fit, fit
-from softfuse.calibration.presses import Adjustable, Presses
+from softfuse.calibration.presses import Adjustable, Applied, Presses
 from softfuse.equilibrium.multifrontal import Multifrontal
 from softfuse.equilibrium.punch import PunchContact
 from softfuse.errors import SoftfuseError
@@ -58,18 +59,19 @@ def adjustable(device: Device, mesh: TetMesh) -> Adjustable:
     return Adjustable(device, Adjustments(groups))
 
 
+def applied(places: np.ndarray, forces: Sequence[float]) -> Applied:
+    """All forces at each of some places, a press each."""
+    count = len(forces)
+    place = np.repeat(places, count, axis=0)[:, None]
+    press = np.repeat(np.arange(len(places)), count)
+    return Applied(place, np.tile(forces, len(places))[:, None], np.zeros((len(press), 0)), press)
+
+
 def presses_of(adjustable: Adjustable, value: np.ndarray, *, seed: int = 1) -> Presses:
-    place = np.repeat(PLACES, len(FORCES), axis=0)
-    force = np.tile(FORCES, len(PLACES))
-    reading = adjustable.answer(value, place, force).reading
+    done = applied(PLACES, FORCES)
+    reading = adjustable.answer(value, done).reading
     noise = NOISE * np.random.default_rng(seed).normal(size=reading.shape)
-    return Presses(
-        place,
-        force,
-        reading + noise,
-        np.full(reading.shape, NOISE),
-        np.repeat(np.arange(len(PLACES)), len(FORCES)),
-    )
+    return Presses(done, reading + noise, np.full(reading.shape, NOISE))
 
 
 @pytest.fixture(scope="module")
@@ -110,12 +112,10 @@ def test_misfits_shrink_to_the_noise(found: Fit) -> None:
 
 
 def test_slopes_are_those_of_differences(adjustable: Adjustable, made: np.ndarray) -> None:
-    place, force = PLACES[:1], np.array([3.0])
-    slope = adjustable.answer(made, place, force).slope
+    done = applied(PLACES[:1], [3.0])
+    slope = adjustable.answer(made, done).slope
     for k, step in enumerate(1e-3 * np.asarray(adjustable.adjustments.sigma)):
-        ends = [
-            adjustable.answer(made + side * step * np.eye(len(made))[k], place, force) for side in (-1, 1)
-        ]
+        ends = [adjustable.answer(made + side * step * np.eye(len(made))[k], done) for side in (-1, 1)]
         change = (ends[1].reading - ends[0].reading) / (2 * step)
         np.testing.assert_allclose(
             slope[..., k], change, atol=2e-5 * np.abs(slope[..., k]).max() + 1e-13 / step

@@ -10,7 +10,7 @@ import pytest
 from softfuse.body.stiffness_field import TERMS, with_field
 from softfuse.calibration.adjustment import Adjustments, Stiffness, StiffnessField
 from softfuse.calibration.fit import fit
-from softfuse.calibration.presses import Adjustable, Presses
+from softfuse.calibration.presses import Adjustable, Applied, Presses
 from softfuse.equilibrium.solution import RESULTS
 from softfuse.estimation.device import Device, simulate
 
@@ -58,10 +58,11 @@ def test_presses_tell_the_field_that_a_device_was_made_with(plain_device: Device
     adjustable = Adjustable(plain_device, Adjustments(groups))
     made, noise = np.append(0.2, MADE), 0.1e-9
     place, force = np.repeat(PLACES, len(FORCES), axis=0), np.tile(FORCES, len(PLACES))
-    reading = adjustable.answer(made, place, force).reading
-    noisy = reading + noise * np.random.default_rng(3).normal(size=reading.shape)
     press = np.repeat(np.arange(len(PLACES)), len(FORCES))
-    found = fit(adjustable, Presses(place, force, noisy, np.full_like(reading, noise), press))
+    applied = Applied(place[:, None], force[:, None], np.zeros((len(force), 0)), press)
+    reading = adjustable.answer(made, applied).reading
+    noisy = reading + noise * np.random.default_rng(3).normal(size=reading.shape)
+    found = fit(adjustable, Presses(applied, noisy, np.full_like(reading, noise)))
     told = dict(zip(found.names, found.told, strict=True))
     assert told["stiffness"] > 0.9 and told["stiffness field x"] > 0.9 and told["stiffness field y"] > 0.5
     off = found.value - made

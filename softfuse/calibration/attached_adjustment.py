@@ -1,0 +1,93 @@
+"""What a calibration may change of what is attached to a device: cables, and gas sealed in its cavities.
+
+A device is fitted with its cables shortened by what was measured, whatever tension that takes: its attached
+loads are the cables, then the gas.
+"""
+
+from collections.abc import Sequence
+from typing import ClassVar, Self
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from softfuse.calibration.adjustment import AbstractAdjustment, Measure
+from softfuse.equilibrium.cable import ShortenedCable
+from softfuse.equilibrium.gas import SealedGas
+from softfuse.estimation.device import Device
+
+_TYPICAL_STRAIN = 0.01
+"""Of a cable under the largest tension, where none is configured: braided line gives some percent, a wire far
+less.
+"""
+
+
+class CableZeros(AbstractAdjustment):
+    """θ (b,) [m]: what is read of a cable where it gets taut, beyond the zero that is configured."""
+
+    measure: ClassVar[Measure] = Measure.length
+    sigma: Float[Array, " b"]
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, cables: Sequence[str], sigma: float) -> Self:
+        """Of all cables, the first drives of what is attached, with a prior standard deviation [m]."""
+        return cls(jnp.full(len(cables), sigma), tuple(f"{name} zero" for name in cables))
+
+    def prescribed(self, drive, value):
+        """Lengths by which cables are shorter than where they get taut."""
+        return drive.at[: len(self.names)].add(-value)
+
+
+class CableCompliances(AbstractAdjustment):
+    """θ (b,): the compliance of each cable itself is `typical` (b,) [m/N] times exp θ."""
+
+    sigma: Float[Array, " b"]
+    typical: Float[Array, " b"]
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, device: Device, cables: Sequence[str], most_N: Sequence[float], sigma: float) -> Self:
+        """Of the configured compliances, or where there is none of one that is felt as a strain of a
+        hundredth under the largest tension [N]; with a prior standard deviation [-].
+        """
+        loads = [load for load in device.attached if isinstance(load, ShortenedCable)]
+        typical = [
+            float(load.compliance) or _TYPICAL_STRAIN * float(load.rest_length) / most
+            for load, most in zip(loads, most_N, strict=True)
+        ]
+        names = tuple(f"{name} compliance" for name in cables)
+        return cls(sigma=jnp.full(len(cables), sigma), typical=jnp.array(typical), names=names)
+
+    def adjusted(self, device, value):
+        """The device of softer or stiffer cables."""
+        compliance = iter(self.typical * jnp.exp(value))
+        attached = tuple(
+            eqx.tree_at(lambda cable: cable.compliance, load, next(compliance))
+            if isinstance(load, ShortenedCable)
+            else load
+            for load in device.attached
+        )
+        return eqx.tree_at(lambda d: d.attached, device, attached)
+
+
+class DeadVolumes(AbstractAdjustment):
+    """θ (k,): the dead volume of each cavity times exp θ."""
+
+    sigma: Float[Array, " k"]
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, cavities: Sequence[str], sigma: float) -> Self:
+        """Of the gas in all cavities, with a prior standard deviation [-]."""
+        return cls(jnp.full(len(cavities), sigma), tuple(f"{name} dead volume" for name in cavities))
+
+    def adjusted(self, device, value):
+        """The device with more or less gas behind its cavities."""
+        attached = tuple(
+            eqx.tree_at(lambda gas: gas.dead, load, load.dead * jnp.exp(value))
+            if isinstance(load, SealedGas)
+            else load
+            for load in device.attached
+        )
+        return eqx.tree_at(lambda d: d.attached, device, attached)
