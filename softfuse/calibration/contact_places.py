@@ -34,7 +34,8 @@ class ContactPlaces(AbstractAdjustment):
             on = applied.press == press
             for contact in np.flatnonzero(np.any(applied.force_N[on] > 0, axis=0)):
                 number[press, contact] = len(names)
-                where = electrodes[int(applied.place[on][0, contact])]
+                pushed = on & (applied.force_N[:, contact] > 0)
+                where = electrodes[int(applied.place[pushed][0, contact])]
                 names.append(f"place on {where} in press {called[press]}")
         number = np.where(number < 0, len(names), number)
         return cls(sigma=jnp.full(len(names), sigma), number=jnp.asarray(number), names=tuple(names))

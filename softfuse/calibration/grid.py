@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.calibration.presses import Answer, Applied
+from softfuse.calibration.presses import Answer
 from softfuse.estimation.reading_spread import ReadingSpread
 
 _SIDE = 11
@@ -37,14 +37,6 @@ class Grid:
     def force_N(self) -> Float[np.ndarray, " s"]:
         """The force of each (s,)."""
         return np.full(len(self.x_m) * len(self.y_m), self.each_N)
-
-    @property
-    def applied(self) -> Applied:
-        """What is done to a device there, none of one press."""
-        count = len(self.force_N)
-        return Applied(
-            self.place_m[:, None], self.force_N[:, None], np.zeros((count, 0)), -1 - np.arange(count)
-        )
 
     def spread(self, answer: Answer, covariance: Float[np.ndarray, "p p"]) -> ReadingSpread:
         """How uncertain readings are, of what a device with parameters of such a covariance answers to these

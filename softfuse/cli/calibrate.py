@@ -18,7 +18,12 @@ from softfuse.cli.pad_calibration import PadCalibration
 from softfuse.cli.recorded import sensor_columns
 from softfuse.cli.terminal import Quiet, busy, counted, stdout
 from softfuse.config import DeviceConfig, load, save_edited
-from softfuse.config.build_calibration import build_adjustments, calibrated_edits, fitted_device
+from softfuse.config.build_calibration import (
+    adjustments_of_presses,
+    build_adjustments,
+    calibrated_edits,
+    fitted_device,
+)
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
 from softfuse.errors import SoftfuseError
@@ -33,7 +38,7 @@ def calibrate(
     out: Annotated[
         Path,
         typer.Option(
-            help="Configuration to write; beside it go what is uncertain, as .npz, and a report, as .html."
+            help="Configuration to write; beside it go a report, .html, and how sure a pad is, .npz."
         ),
     ],
     presses: Annotated[
@@ -47,9 +52,7 @@ def calibrate(
     read = [read_recording(path, sensor_columns(settings)) for path in recordings]
     calibrated = calibrated_device(settings, read, out, presses=presses, quiet=quiet)
     if not quiet:
-        files = [out.with_suffix(kind) for kind in (".toml", ".npz", ".html")]
-        written = ", ".join(str(each) for each in files if each.exists())
-        lines = [*tell(calibrated), f"written to {written}"]
+        lines = [*tell(calibrated), f"written to {out}; report: {out.with_suffix('.html')}"]
         stdout.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
 
 
@@ -73,12 +76,13 @@ def calibrated_device(
     with busy("meshing", quiet=quiet):
         mesh = build_mesh(settings)
         device = fitted_device(settings, build_device(settings, mesh))
+        may_differ = build_adjustments(settings, device, mesh)
     felt = felt_presses(kind, recordings, chosen, quiet=quiet)
     sharper = kind.sharpened(felt)
     if sharper is not None:
         kind, felt = sharper, felt_presses(sharper, recordings, chosen, quiet=quiet)
     known = felt.presses
-    adjustments = build_adjustments(settings, device, mesh, known.applied, felt.called)
+    adjustments = adjustments_of_presses(settings, may_differ, known.applied, felt.called)
     adjustable = Adjustable(device, adjustments)
     with counted("fitting", "presses simulated", quiet=quiet) as simulated:
         found = fit(adjustable, known, seen=simulated)

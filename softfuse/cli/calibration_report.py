@@ -206,8 +206,7 @@ def _at_rest(found: Untouched) -> str:
 
 def _untouched(config: DeviceConfig, found: Untouched) -> str:
     assert config.sensors is not None  # they were read
-    crossed = config.sensors.capacitive
-    lines = (*crossed.row_channels, *crossed.column_channels)
+    lines = config.sensors.capacitive.lines
     rows = [
         (line, f"{counts:.1f}", f"{sigma:.1f}")
         for line, counts, sigma in zip(lines, found.counts, found.sigma, strict=True)

@@ -13,8 +13,12 @@ from softfuse.cli.device_calibration import (
 from softfuse.cli.finger_truth import FingerTruth, finger_truth
 from softfuse.config.build_tracker import build_senses
 from softfuse.estimation.model_error import missed
+from softfuse.experiment.contact_accuracy import NOWHERE
 from softfuse.hardware.recording import Recording
 from softfuse.sensing.finger_senses import FingerSenses
+
+_LIGHT = 0.1
+"""Of the largest force, with which a finger is pushed where nothing is known of any."""
 
 
 class FingerCalibration(AbstractCalibration):
@@ -31,7 +35,9 @@ class FingerCalibration(AbstractCalibration):
         truth = self._truth(recording)
         force, electrode = truth.force_N[truth.samples], truth.electrode[truth.samples]
         there = (electrode >= 0) & (electrode < len(self.settings.electrodes))
-        known = np.isfinite(force) & (there | (force == 0))
+        known = np.isfinite(force) & (there | (force <= 0))
+        # Of further contacts an empty row says that there are none.
+        known[:, 1:] |= ~np.isfinite(force[:, 1:]) & (electrode[:, 1:] == NOWHERE)
         return truth.samples[known.all(axis=1) & (known.shape[1] > 0)]
 
     def contacts(self, recording):
@@ -48,8 +54,10 @@ class FingerCalibration(AbstractCalibration):
         """Samples under so many contacts, some of which may press with nothing."""
         truth, cables = self._truth(recording), len(self.settings.cables)
         more = ((0, 0), (0, contacts - truth.force_N.shape[1]))
-        force = np.pad(truth.force_N[at], more)
-        place = np.where(force > 0, np.pad(truth.electrode[at], more), 0)
+        # What a force sensor reads below 0 is its noise.
+        force = np.pad(np.maximum(np.nan_to_num(truth.force_N[at]), 0.0), more)
+        electrode = np.pad(truth.electrode[at], more, constant_values=NOWHERE)
+        place = np.where(electrode == NOWHERE, 0, electrode)
         reading, sigma, valid = (
             np.array([getattr(each, name) for each in sensed]) for name in ("reading", "sigma", "valid")
         )
@@ -67,8 +75,11 @@ class FingerCalibration(AbstractCalibration):
     def at(self, applied, press):
         """Its electrodes, and the lengths by which cables are shortened."""
         on = applied.press == press
-        pressing = np.flatnonzero(np.any(applied.force_N[on] > 0, axis=0))
-        names = [self.settings.electrodes[k].name for k in applied.place[on][0, pressing]]
+        names = [
+            self.settings.electrodes[place[force > 0][0]].name
+            for place, force in zip(applied.place[on].T, applied.force_N[on].T, strict=True)
+            if np.any(force > 0)
+        ]
         lengths = applied.prescribed[on][:, : len(self.settings.cables)].max(axis=0)
         # Adding 0 takes the sign off a 0.
         cables = np.round(1e3 * lengths, 1) + 0.0
@@ -89,20 +100,25 @@ class FingerCalibration(AbstractCalibration):
         place = np.zeros((electrodes * len(pulled), applied.place.shape[1]), int)
         place[:, 0] = np.tile(np.arange(electrodes), len(pulled))
         force = np.zeros(place.shape)
-        force[:, 0] = applied.force_N.max()
+        force[:, 0] = applied.force_N.max() or _LIGHT * self._most_N
         prescribed = np.repeat(np.array(pulled), electrodes, axis=0)
         return Applied(place, force, prescribed, -1 - np.arange(len(place)))
 
     def certainty(self, felt, found, further, answer, out):
-        """The part of the largest pressure by which a modelled one may be wrong, on average over further
-        presses: by what the model misses, and by what is not known of its parameters.
+        """The part of the largest pressure by which modelled ones may be wrong, of all further presses
+        together: by what the model misses, and by what is not known of its parameters.
         """
         del felt, further, out
-        largest = np.max(np.abs(answer.reading), axis=1, keepdims=True)
+        largest = np.max(np.abs(answer.reading), axis=1)
         unknown = np.einsum("skp,pq,skq->sk", answer.slope, found.covariance, answer.slope)
-        wrong = missed(answer.reading, found.discrepancy.part) ** 2 + unknown
-        part = float(np.sqrt(np.mean(wrong / largest**2)))
+        wrong = np.mean(missed(answer.reading, found.discrepancy.part) ** 2 + unknown, axis=1)
+        part = float(np.sqrt(wrong.sum() / np.sum(largest**2)))
         return Certainty({("sensors", "pressure", "model_error"): float(f"{part:.4g}")}, Electrodes())
+
+    @property
+    def _most_N(self) -> float:
+        assert self.settings.contact is not None  # it is pushed
+        return self.settings.contact.max_force
 
     def _truth(self, recording: Recording) -> FingerTruth:
         return finger_truth(recording, [], len(self.settings.cables))

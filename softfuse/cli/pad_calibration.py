@@ -57,7 +57,7 @@ class PadCalibration(AbstractCalibration):
         # What nothing is felt to touch has read nothing.
         valid = np.array([each.valid & each.touching.any() for each in sensed])
         return Presses(
-            Applied(place[:, None], force, np.zeros((len(at), 0)), press_numbers(recording, at)),
+            Applied(place[:, None], force, self._unpulled(len(at)), press_numbers(recording, at)),
             np.array([each.reading for each in sensed]),
             np.where(valid, np.array([each.sigma for each in sensed]), np.inf),
         )
@@ -87,7 +87,11 @@ class PadCalibration(AbstractCalibration):
 
     def further(self, applied):
         """On a grid over the workspace."""
-        return self._grid(applied).applied
+        grid = self._grid(applied)
+        count = len(grid.force_N)
+        return Applied(
+            grid.place_m[:, None], grid.force_N[:, None], self._unpulled(count), -1 - np.arange(count)
+        )
 
     def places_mm(self, further):
         """Seen from above."""
@@ -132,8 +136,11 @@ class PadCalibration(AbstractCalibration):
     def _lines(self) -> list[str]:
         """Columns of the crossed electrodes, rows first."""
         assert self.settings.sensors is not None  # `_crossed` has told
-        crossed = self.settings.sensors.capacitive
-        return [*crossed.row_channels, *crossed.column_channels]
+        return list(self.settings.sensors.capacitive.lines)
+
+    def _unpulled(self, samples: int) -> np.ndarray:
+        """Cables of a pad are left alone."""
+        return np.zeros((samples, len(self.settings.cables)))
 
     def _grid(self, applied: Applied) -> Grid:
         assert isinstance(self.settings.contact, DiscSettings)  # as a pad is pressed by discs

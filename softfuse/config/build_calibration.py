@@ -37,26 +37,24 @@ from softfuse.material.yeoh import Yeoh
 
 
 def fitted_device(config: DeviceConfig, device: Device) -> Device:
-    """A config's device as it is known in presses: its cables are shortened by given lengths, and it reads
-    the volumes or the pressures of its cavities.
+    """A config's device as it is known in presses: its cables are shortened by lengths that are measured, or
+    left alone, and it reads the volumes or the pressures of its cavities.
     """
     cables = len(config.cables)
     sealed = len(config.cavities) if config.gas is not None else 0
-    return replace(with_shortened(device, (True,) * cables), gauges=tuple(range(cables, cables + sealed)))
+    lengths = config.sensors is not None and config.sensors.cable is not None
+    return replace(with_shortened(device, (lengths,) * cables), gauges=tuple(range(cables, cables + sealed)))
 
 
-def build_adjustments(
-    config: DeviceConfig, device: Device, mesh: DeviceMesh, applied: Applied, called: dict[int, str]
-) -> Adjustments:
-    """What [calibration] says may differ from the config, of its `fitted_device` on a mesh, in presses that
-    people call something.
+def build_adjustments(config: DeviceConfig, device: Device, mesh: DeviceMesh) -> Adjustments:
+    """What [calibration] says may differ from the config, of its `fitted_device` on a mesh.
 
     Raises ConfigError when the device has no sensors, cables of unknown length, or nothing may differ.
     """
     may = config.calibration
     if config.sensors is None:
         raise ConfigError(f"{config.path}: sensors: missing, a calibration fits what they read")
-    if config.cables and config.sensors.cable is None:
+    if config.cables and config.sensors.sealed is not None and config.sensors.cable is None:
         raise ConfigError(
             f"{config.path}: sensors.cable: missing, a calibration must know by how much cables are shortened"
         )
@@ -79,16 +77,30 @@ def build_adjustments(
     groups += _attached_adjustments(config, device)
     if not groups:
         raise ConfigError(f"{config.path}: calibration: all is 0, so that there is nothing to fit")
+    return Adjustments(tuple(groups))
+
+
+def adjustments_of_presses(
+    config: DeviceConfig, adjustments: Adjustments, applied: Applied, called: dict[int, str]
+) -> Adjustments:
+    """Those that presses, which people call something, have to do with: none of cables that none of them
+    pulls, and besides where on its electrode each contact acts.
+    """
+    lengths = None if config.sensors is None else config.sensors.cable
+    groups = adjustments.groups
+    if lengths is not None and not np.any(applied.prescribed[:, : len(config.cables)] > lengths.slack):
+        groups = tuple(group for group in groups if not isinstance(group, CableZeros | CableCompliances))
     if isinstance(config.contact, PatchSettings) and config.contact.forces(config.electrodes) > 1:
         electrodes = [electrode.name for electrode in config.electrodes]
         sigma = _place_sigma(config.contact, config.electrodes)
-        groups.append(ContactPlaces.of(applied, called, electrodes, sigma))
-    return Adjustments(tuple(groups))
+        groups = (*groups, ContactPlaces.of(applied, called, electrodes, sigma))
+    return Adjustments(groups)
 
 
 def _attached_adjustments(config: DeviceConfig, device: Device) -> list[AbstractAdjustment]:
     may, groups = config.calibration, list[AbstractAdjustment]()
-    cables = [cable.name for cable in config.cables]
+    lengths = config.sensors is not None and config.sensors.cable is not None
+    cables = [cable.name for cable in config.cables] if lengths else []
     if cables and may.cable_zero:
         groups.append(CableZeros.of(cables, may.cable_zero))
     if cables and may.cable_compliance:

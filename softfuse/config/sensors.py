@@ -168,6 +168,11 @@ class CapacitiveSettings(Settings):
     peak: PeakSettings = PeakSettings()
     pose: PoseSettings = PoseSettings()
 
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """Channels of all lines, rows first."""
+        return (*self.row_channels, *self.column_channels)
+
     @model_validator(mode="after")
     def _check(self) -> Self:
         for key, lines, channels in (

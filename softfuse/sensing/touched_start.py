@@ -38,6 +38,14 @@ def starts_touched(
     """
     counts = jnp.concatenate([row_counts, column_counts])
     reading = array_signal(array, known_baseline(array, state), counts)
-    rows, columns = jnp.split(reading.signal_counts, [row_counts.shape[0]])
-    least = jnp.minimum(jnp.max(rows) - jnp.median(rows), jnp.max(columns) - jnp.median(columns))
+    # A line that is lost, or of which nothing is known, has no say.
+    says = reading.valid & jnp.isfinite(array.untouched_counts)
+
+    def beyond(lines: slice) -> Float[Array, ""]:
+        signal = reading.signal_counts[lines]
+        median = jnp.nanmedian(jnp.where(says[lines], signal, jnp.nan))
+        return jnp.max(jnp.where(says[lines], signal, -jnp.inf)) - median
+
+    rows = row_counts.shape[0]
+    least = jnp.minimum(beyond(slice(None, rows)), beyond(slice(rows, None)))
     return jnp.all(state.baseline_frames == 0) & (2.0 * least > detector.contact_on_counts)

@@ -100,4 +100,6 @@ def test_nine_in_ten_gains_are_within_their_intervals(spread: float) -> None:
         relative.append(np.abs(away_from_mean(fit.value - gain)) < 1.645 * fit.relative_sigma)
     # Where lines are alike, intervals hold them all: as likely as not they were thought to be.
     for each in (inside, relative):
-        assert 0.84 < np.mean(each) < (0.96 if spread > 0.02 else 1.01)
+        assert np.mean(each) > 0.84
+        # Where lines are alike, the prior that says so makes intervals wider than they need be.
+        assert spread < 0.02 or np.mean(each) < 0.96

@@ -1,15 +1,22 @@
 """A fit finds what a finger, its cable and its gas were made with, and says what presses cannot tell."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from softfuse.calibration.contact_places import ContactPlaces
 from softfuse.calibration.fit import Fit, fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
 from softfuse.config import DeviceConfig, load, save_edited
-from softfuse.config.build_calibration import build_adjustments, calibrated_edits, fitted_device
+from softfuse.config.build_calibration import (
+    adjustments_of_presses,
+    build_adjustments,
+    calibrated_edits,
+    fitted_device,
+)
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
 
@@ -51,7 +58,8 @@ def applied() -> Applied:
 def adjustable(config: DeviceConfig, applied: Applied) -> Adjustable:
     mesh = build_mesh(config)
     device = fitted_device(config, build_device(config, mesh))
-    return Adjustable(device, build_adjustments(config, device, mesh, applied, CALLED))
+    may_differ = build_adjustments(config, device, mesh)
+    return Adjustable(device, adjustments_of_presses(config, may_differ, applied, CALLED))
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +97,15 @@ def test_slopes_are_those_of_differences(adjustable: Adjustable, applied: Applie
     slope = adjustable.answer(made, one).slope[0]
     names = adjustable.adjustments.names
     sigma = np.asarray(adjustable.adjustments.sigma)
-    for name in ("stiffness", "palm zero", "palm compliance", "tip left dead volume", "tip left growth z"):
+    for name in (
+        "stiffness",
+        "palm zero",
+        "palm compliance",
+        "tip left dead volume",
+        "tip left growth z",
+        "tip left gain",
+        "place on tip left in press 3",
+    ):
         k = names.index(name)
         ends = [
             adjustable.answer(made + side * 1e-3 * sigma[k] * np.eye(len(made))[k], one).reading[0]
@@ -98,6 +114,24 @@ def test_slopes_are_those_of_differences(adjustable: Adjustable, applied: Applie
         change = (ends[1] - ends[0]) / (2e-3 * sigma[k])
         np.testing.assert_allclose(slope[:, k], change, atol=2e-5 * np.abs(slope[:, k]).max())
         assert np.abs(change).max() > 0
+
+
+def test_a_push_is_named_by_where_it_presses() -> None:
+    """Not by where nothing presses yet."""
+    place, force = np.array([[0], [2], [2]]), np.array([[0.0], [0.1], [0.2]])
+    done = Applied(place, force, np.zeros((3, 0)), np.zeros(3, int))
+    places = ContactPlaces.of(done, {0: "7"}, ["a", "b", "c"], 1e-3)
+    assert places.names == ("place on c in press 7",)
+    at = [places.arms(np.zeros(1), np.array(press), np.array([0.002])) for press in (0, -1)]
+    np.testing.assert_array_equal(at, [[0.002], [0.0]])
+
+
+def test_of_cables_that_nothing_pulls_nothing_is_fitted(
+    config: DeviceConfig, adjustable: Adjustable, applied: Applied
+) -> None:
+    unpulled = replace(applied, prescribed=np.where(applied.prescribed < 1, 1e-5, applied.prescribed))
+    names = adjustments_of_presses(config, adjustable.adjustments, unpulled, CALLED).names
+    assert "palm zero" not in names and "palm compliance" not in names and "stiffness" in names
 
 
 @pytest.mark.slow
@@ -135,7 +169,7 @@ def test_the_config_that_is_written_is_that_finger(
     names = adjustable.adjustments.names
     # Zeros, gains and places are not of the device's body.
     done = Applied(applied.place[3:6], applied.force_N[3:6], applied.prescribed[3:6], -1 - np.arange(3))
-    none = build_adjustments(again, whole, made_mesh, done, {})
+    none = build_adjustments(again, whole, made_mesh)
     body = made.copy()
     for k, name in enumerate(names):
         if name.endswith((" gain", " zero")):

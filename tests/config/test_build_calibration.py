@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.calibration.presses import Applied
 from softfuse.config import load, save_edited
 from softfuse.config.build_calibration import build_adjustments, calibrated_edits
 from softfuse.config.build_device import build_device
@@ -29,7 +28,6 @@ FIELD = (
     ("[body.fixed] ", "[body.stiffness_field]\nx = 0.02\nyz = -0.03\n\n[body.fixed] "),
     ("[estimator]", "[calibration]\nstiffness_field = 0.1\n[estimator]"),
 )
-NOTHING = Applied(np.zeros((0, 1, 3)), np.zeros((0, 1)), np.zeros((0, 0)), np.zeros(0, int))
 STIFF_ONLY = (
     ("[estimator]", "[calibration]\nstiffening = 0\n[estimator]"),
     ('law = "neo-hookean"', 'law = "saint-venant-kirchhoff"'),
@@ -44,7 +42,7 @@ def test_the_written_device_is_the_fitted_one(
     config = load(source)
     mesh = build_mesh(config)
     device = build_device(config, mesh)
-    adjustments = build_adjustments(config, device, mesh, NOTHING, {})
+    adjustments = build_adjustments(config, device, mesh)
     value = np.asarray(adjustments.sigma) * np.random.default_rng(4).uniform(
         -0.7, 0.7, len(adjustments.names)
     )
@@ -71,7 +69,7 @@ def test_what_may_not_differ_is_left(write: Write) -> None:
     config = load(write(*COARSE, ("[estimator]", told)))
     mesh = build_mesh(config)
     device = build_device(config, mesh)
-    adjustments = build_adjustments(config, device, mesh, NOTHING, {})
+    adjustments = build_adjustments(config, device, mesh)
     assert len(adjustments.names) == 2 + 12
     edits = calibrated_edits(config, device, adjustments, np.zeros(14))
     assert {key[-1] for key in edits} == {"law", "young", "c1", "c2", "c3", "shift"}
@@ -81,4 +79,4 @@ def test_cables_of_unknown_length_are_told(write_finger: Write, finger_text: str
     sensor = finger_text[finger_text.index("[sensors.cable]") : finger_text.index("[estimator]")]
     config = load(write_finger((sensor, "")))
     with pytest.raises(ConfigError, match="a calibration must know by how much cables are shortened"):
-        build_adjustments(config, None, None, NOTHING, {})  # what is built does not matter
+        build_adjustments(config, None, None)  # what is built does not matter

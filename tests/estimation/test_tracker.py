@@ -112,6 +112,7 @@ def test_evidence_says_how_readings_go_with_places_that_they_tell(run: Callable[
         run(settings=TrackerSettings(poor_fit=1e6, model_error=ModelError(part)))[-1] for part in (0.0, 0.1)
     )
     assert known.evidence is not None and told.evidence is not None
+    assert known.evidence.by_place.shape == told.evidence.by_place.shape and told.evidence.by_place.size
     assert not known.evidence.by_place.any() and told.evidence.by_place.all()
     seen = known.location_m[:, :2].ravel()
     for found in (known, told):

@@ -139,3 +139,13 @@ def test_derivatives_stay_finite_where_a_reading_is_missing(untouched):
 
     gradient = jax.grad(signal, allow_int=True)(sensors(np.inf).array)
     np.testing.assert_allclose(gradient.gain, np.where(np.arange(16) == 3, 0.0, -100.0), rtol=1e-6)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_lines_that_are_lost_begin_no_touch(recording, untouched, known: bool) -> None:
+    """In the first frame, where all lines have drifted down together, or nothing is known of a baseline."""
+    made = sensors(untouched + 2000.0 if known else np.inf)
+    frames = [recording.time_s[:30], *(recording.matrix(names)[:30] for names in (FLOW, ROWS, COLUMNS))]
+    frames[2][0, 3] = frames[3][0, 2] = np.nan
+    found = jax.tree.map(np.asarray, scan(made, [jnp.asarray(each) for each in frames]))
+    assert not found.touching.any() and np.isfinite(found.signal_counts).all()

@@ -73,7 +73,9 @@ class Replay:
         recorded = self._wanted.get(number)
         if recorded is not None:
             statuses = tuple(str(status) for status in tracked.statuses)
-            if _known(fields) == _known(recorded.fields) and statuses == recorded.status:
+            # A session holds what was estimated when it was recorded, which may be less.
+            then = {name: fields.get(name) for name in self._recorded.info.estimates}
+            if _known(then) == _known(recorded.fields) and statuses == recorded.status:
                 self._identical += 1
             elif self._first is None:
                 self._first = number
