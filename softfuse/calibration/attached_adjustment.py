@@ -16,9 +16,9 @@ from softfuse.equilibrium.cable import ShortenedCable
 from softfuse.equilibrium.gas import SealedGas
 from softfuse.estimation.device import Device
 
-_TYPICAL_STRAIN = 0.01
-"""Of a cable under the largest tension, where none is configured: braided line gives some percent, a wire far
-less.
+_TYPICAL_STRAIN = 1e-3
+"""Of a cable under the largest tension, where none is configured: a wire's is some ten-thousandths, that of
+braided line a percent. So small a one hardly shows where presses do not tell another.
 """
 
 
@@ -49,7 +49,7 @@ class CableCompliances(AbstractAdjustment):
     @classmethod
     def of(cls, device: Device, cables: Sequence[str], most_N: Sequence[float], sigma: float) -> Self:
         """Of the configured compliances, or where there is none of one that is felt as a strain of a
-        hundredth under the largest tension [N]; with a prior standard deviation [-].
+        thousandth under the largest tension [N]; with a prior standard deviation [-].
         """
         loads = [load for load in device.attached if isinstance(load, ShortenedCable)]
         typical = [

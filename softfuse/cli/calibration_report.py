@@ -122,7 +122,7 @@ def write_report(path: Path, calibrated: Calibrated) -> None:
                 "both ends of an axis for squares such as xx. Stiffening: Yeoh's c2 over c1 that is added. "
                 "Layer: compliance between disc and body, over the configured one or, where none is, over "
                 "that of a hundredth of the disc's radius per shear modulus. Compliance of a cable: over the "
-                "configured one or, where none is, over that which lets it stretch by a hundredth under its "
+                "configured one or, where none is, over that which lets it stretch by a thousandth under its "
                 "largest tension. Place: where along an electrode a contact of a press acts."
             ),
         ),

@@ -33,7 +33,7 @@ class CalibrationSettings(Settings):
     cavity_growth: Annotated[Length, Ge(0)] = 0.3e-3
     gain: Annotated[Number, Ge(0)] = 0.02
     cable_zero: Annotated[Length, Ge(0)] = 0.5e-3
-    cable_compliance: Annotated[Number, Ge(0)] = 1.0
+    cable_compliance: Annotated[Number, Ge(0)] = 2.0
     dead_volume: Annotated[Number, Ge(0)] = 0.1
     array_shift: Annotated[Length, Ge(0)] = 0.5e-3
     array_turn: Annotated[Angle, Ge(0)] = 0.02

@@ -42,8 +42,10 @@ CALLED = {k: str(k) for k in range(4)}
 
 @pytest.fixture(scope="module")
 def config(linear_finger: Callable[..., Path]) -> DeviceConfig:
-    narrow = '[calibration]\ncavity_shift = "0 mm"\ncavity_growth = "0.1 mm"\n\n[estimator]'
-    return load(linear_finger(("[estimator]", narrow)))
+    narrow = 'cavity_shift = "0 mm"\ncavity_growth = "0.1 mm"\ncable_compliance = 1.0'
+    line = 'compliance = "0.06 mm/N"\nfriction = 0.0'
+    changes = (("[estimator]", f"[calibration]\n{narrow}\n\n[estimator]"), ("friction = 0.0", line))
+    return load(linear_finger(*changes))
 
 
 @pytest.fixture(scope="module")

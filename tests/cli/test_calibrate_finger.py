@@ -30,7 +30,7 @@ def test_what_was_fitted_is_in_the_config_and_the_report(
     assert fitted.body.materials[0].law == "yeoh"
     assert len(fitted.sensors.pressure.gain) == 6 and np.ptp(fitted.sensors.pressure.gain) > 0
     assert len(fitted.gas.dead_volume) == 6 and np.ptp(fitted.gas.dead_volume) > 0
-    assert 0 < fitted.cables[0].compliance < 1e-3
+    assert fitted.cables[0].compliance > 0
     assert 0 < fitted.sensors.pressure.model_error < 0.5
     # Only a device with a map of readings has such a file.
     assert not out.with_suffix(".npz").exists()
