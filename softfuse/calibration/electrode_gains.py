@@ -37,6 +37,7 @@ from softfuse.calibration.adjustment import Measure
 from softfuse.calibration.array_pose import pose_slopes
 from softfuse.calibration.discrepancy import alike_in_press
 from softfuse.calibration.posterior import AbstractPosterior
+from softfuse.calibration.robust import FREEDOM
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.model_error import whitening
 from softfuse.sensing.array_pose import ArrayPose
@@ -44,9 +45,6 @@ from softfuse.sensing.peak_model import PeakModel, PeakShape, peak_layers, peak_
 
 _ALIKE = 0.98
 """Correlation of the signals' misfits in one press, noise apart: that of the reference pad's recordings."""
-
-_FREEDOM = 15.0
-"""Of Student's t, as in `robust`."""
 
 _PARTS = np.append(0.5 ** np.arange(6), 1e-3)
 """Of the tolerance: how far the lines of an array may differ; the last: they are alike."""
@@ -202,7 +200,7 @@ def _explained(
     for _ in range(_ROUNDS):
         square = np.array([np.sum((p.left - s @ z) ** 2) for s, p in zip(slopes, presses, strict=True)])
         cost = float(z @ z + np.sum(_lost(square, count)))
-        weight = np.where(square > count, (_FREEDOM + count) / (_FREEDOM + square), 1.0)
+        weight = np.where(square > count, (FREEDOM + count) / (FREEDOM + square), 1.0)
         information = np.eye(len(z)) + np.tensordot(weight, matrices, 1)
         if last - cost < _ACCURACY:
             break
@@ -214,8 +212,8 @@ def _lost(square: Float[np.ndarray, " g"], count: Int[np.ndarray, " g"]) -> Floa
     """What presses (g,) cost: the squared length of their misfits up to that of so many numbers as expected,
     beyond it as in Student's t. Smaller misfits are no reason to be surer: those of one press are few.
     """
-    beyond = (_FREEDOM + np.maximum(square, count)) / (_FREEDOM + count)
-    return np.minimum(square, count) + (_FREEDOM + count) * np.log(beyond)
+    beyond = (FREEDOM + np.maximum(square, count)) / (FREEDOM + count)
+    return np.minimum(square, count) + (FREEDOM + count) * np.log(beyond)
 
 
 class _Expected(eqx.Module):

@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.errors import SoftfuseError
 
-_FREEDOM = 15.0
+FREEDOM = 15.0
 """ν: three readings of a press that miss by ten standard deviations in all count a seventh. Fewer degrees of
 freedom make the recordings of the reference pad less likely, as they give up presses that tell most.
 """
@@ -80,7 +80,7 @@ def _lengths(left: Array, linear: Linear, groups: int) -> tuple[Array, Array]:
 
 def _terms(left: Array, linear: Linear, groups: int) -> Array:
     square, count = _lengths(left, linear, groups)
-    return (_FREEDOM + count) * jnp.log1p(square / _FREEDOM)
+    return (FREEDOM + count) * jnp.log1p(square / FREEDOM)
 
 
 @eqx.filter_jit
@@ -89,7 +89,7 @@ def _explain(linear: Linear, groups: int) -> dict[str, Array]:
         left = jnp.asarray(linear.left - linear.slope @ z)
         square, count = _lengths(left, linear, groups)
         some = jnp.where(square > 0, square, 1.0)
-        each = jnp.where(square > 0, _terms(left, linear, groups) / some, 1 + count / _FREEDOM)
+        each = jnp.where(square > 0, _terms(left, linear, groups) / some, 1 + count / FREEDOM)
         return jnp.concatenate([left * jnp.sqrt(each)[linear.group], z])
 
     solver = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9)
@@ -97,7 +97,7 @@ def _explain(linear: Linear, groups: int) -> dict[str, Array]:
     solution = optx.least_squares(residual, solver, start, max_steps=500, throw=False)
     left = jnp.asarray(linear.left - linear.slope @ solution.value)
     square, count = _lengths(left, linear, groups)
-    weight = (_FREEDOM + count) / (_FREEDOM + square)
+    weight = (FREEDOM + count) / (FREEDOM + square)
     information = jnp.eye(len(start)) + linear.slope.T @ (weight[linear.group][:, None] * linear.slope)
     return {
         "z": solution.value,

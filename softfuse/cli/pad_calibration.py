@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Bool
 
 from softfuse.calibration.array_pose import Located, fit_pose
 from softfuse.calibration.electrode_baseline import untouched
@@ -64,8 +65,9 @@ class PadCalibration(AbstractCalibration):
 
     def sharpened(self, felt):
         """With the gains of crossed electrodes: places that were found without are off by what these are."""
-        sigma, signals = self.settings.calibration.electrode_gain, _signals(felt) if self._crossed else None
-        if signals is None or sigma == 0:
+        sigma = self.settings.calibration.electrode_gain
+        signals = _signals(felt) if self._crossed and sigma > 0 else None
+        if signals is None:
             return None
         senses = self.senses()
         assert isinstance(senses, PadSenses)  # they have lines
@@ -148,21 +150,28 @@ class PadCalibration(AbstractCalibration):
         return Grid.over(area.x, area.y, float(applied.force_N.max()))
 
 
+def _felt_at(felt: Felt) -> Bool[np.ndarray, " s"]:
+    """The samples (s,) that crossed electrodes place, and say how sure they are."""
+    known = [
+        np.isfinite(np.append(np.asarray(each.location_m)[0, :2], np.asarray(each.location_sigma_m)[0])).all()
+        for each in felt.sensed
+    ]
+    return np.array(known)
+
+
 def _located(felt: Felt) -> Located | None:
     """Where crossed electrodes place the samples that they feel; None when they feel none."""
-    location = np.array([np.asarray(each.location_m)[0, :2] for each in felt.sensed])
-    sigma = np.array([np.asarray(each.location_sigma_m)[0] for each in felt.sensed])
-    on = np.isfinite(location).all(axis=1) & np.isfinite(sigma).all(axis=1)
+    on, applied = _felt_at(felt), felt.presses.applied
     if not on.any():
         return None
-    applied = felt.presses.applied
+    location = np.array([np.asarray(each.location_m)[0, :2] for each in felt.sensed])
+    sigma = np.array([np.asarray(each.location_sigma_m)[0] for each in felt.sensed])
     return Located(applied.place[on, 0, :2], location[on], sigma[on], applied.press[on])
 
 
 def _signals(felt: Felt) -> LineSignals | None:
     """By which signals they do; None when they feel none."""
-    applied = felt.presses.applied
-    on = np.array([np.isfinite(np.asarray(each.location_m)[0]).all() for each in felt.sensed])
+    on, applied = _felt_at(felt), felt.presses.applied
     if not on.any():
         return None
     signal, told = (
