@@ -5,9 +5,9 @@ Priors are normal, θ ~ N(0, σ²): for a stiffness θ is the logarithm of a fac
 σ says in which tolerance a device is made. Everything is differentiable in θ.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import Enum
-from typing import ClassVar, Self
+from typing import ClassVar, Self, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,6 +17,7 @@ from jaxtyping import Array, Float, Int
 from softfuse.body.body import Body
 from softfuse.body.stiffness_field import TERMS, with_field
 from softfuse.equilibrium.gas import SealedGas
+from softfuse.equilibrium.load import AbstractLoad
 from softfuse.equilibrium.punch import PunchContact
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
@@ -25,6 +26,8 @@ from softfuse.material.neo_hookean import NeoHookean
 from softfuse.material.yeoh import Yeoh
 from softfuse.mesh.morph import wall_fields
 from softfuse.mesh.tetmesh import TetMesh
+
+_Load = TypeVar("_Load", bound=AbstractLoad)
 
 
 class Measure(Enum):
@@ -274,10 +277,14 @@ def _body(device: Device) -> Body:
 
 
 def _with_body(device: Device, body: Body) -> Device:
-    attached = tuple(
-        load.sealed_in(body) if isinstance(load, SealedGas) else load for load in device.attached
-    )
-    return eqx.tree_at(lambda d: (d.body, d.attached), device, (body, attached))
+    sealed = with_attached(device, SealedGas, lambda gas: gas.sealed_in(body))
+    return eqx.tree_at(lambda d: d.body, sealed, body)
+
+
+def with_attached(device: Device, kind: type[_Load], changed: Callable[[_Load], _Load]) -> Device:
+    """The device whose attached loads of a kind are changed, one after the other."""
+    attached = tuple(changed(load) if isinstance(load, kind) else load for load in device.attached)
+    return eqx.tree_at(lambda d: d.attached, device, attached)
 
 
 def _punch(device: Device) -> PunchContact:

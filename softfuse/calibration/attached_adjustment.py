@@ -5,13 +5,14 @@ loads are the cables, then the gas.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import ClassVar, Self
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.calibration.adjustment import AbstractAdjustment, Measure
+from softfuse.calibration.adjustment import AbstractAdjustment, Measure, with_attached
 from softfuse.equilibrium.cable import ShortenedCable
 from softfuse.equilibrium.gas import SealedGas
 from softfuse.estimation.device import Device
@@ -61,14 +62,8 @@ class CableCompliances(AbstractAdjustment):
 
     def adjusted(self, device, value):
         """The device of softer or stiffer cables."""
-        compliance = iter(self.typical * jnp.exp(value))
-        attached = tuple(
-            eqx.tree_at(lambda cable: cable.compliance, load, next(compliance))
-            if isinstance(load, ShortenedCable)
-            else load
-            for load in device.attached
-        )
-        return eqx.tree_at(lambda d: d.attached, device, attached)
+        each = iter(self.typical * jnp.exp(value))
+        return with_attached(device, ShortenedCable, lambda cable: replace(cable, compliance=next(each)))
 
 
 class DeadVolumes(AbstractAdjustment):
@@ -84,10 +79,5 @@ class DeadVolumes(AbstractAdjustment):
 
     def adjusted(self, device, value):
         """The device with more or less gas behind its cavities."""
-        attached = tuple(
-            eqx.tree_at(lambda gas: gas.dead, load, load.dead * jnp.exp(value))
-            if isinstance(load, SealedGas)
-            else load
-            for load in device.attached
-        )
-        return eqx.tree_at(lambda d: d.attached, device, attached)
+        factor = jnp.exp(value)
+        return with_attached(device, SealedGas, lambda gas: replace(gas, dead=gas.dead * factor))
