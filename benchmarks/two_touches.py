@@ -193,6 +193,7 @@ def grid_edits(config: DeviceConfig, plan: PadPlan, seed: int) -> Edits:
         (*key, "depth"): f"{1e3 * float(found.depth_m):.6g} mm",
         (*key, "finger_radius"): f"{1e3 * float(found.finger_radius_m):.6g} mm",
         (*key, "gain"): [float(gain) for gain in np.asarray(found.gain).T.ravel()],
+        (*key, "crosstalk"): float(found.crosstalk),
         (*key, "model_error"): float(found.model_error),
     }
 

@@ -1,11 +1,11 @@
 """Constants of a grid of mutual capacitances from touches of one finger at known places.
 
 Lines and their width are drawn, but how deep the field sees the electrodes, how wide a finger is to it, how
-much it takes, and how far cells differ is read off images: of the finger lying on the surface (shielding 1,
-coupling 0), and pressing (shielding 1, coupling unknown). With weights 1/σ² and gains a that are not far
-from one,
+much it takes, what cells show of each other, and how far they differ is read off images: of the finger lying
+on the surface (shielding 1, coupling 0), and pressing (shielding 1, coupling unknown). With weights 1/σ² and
+gains a that are not far from one,
 
-    min over t, R, contact_counts, a, k_i of  Σ ((u_i − image_i) / σ_i)² + Σ ((a − 1) / σ_a)²,
+    min over t, R, contact_counts, χ, a, k_i of  Σ ((u_i − image_i) / σ_i)² + Σ ((a − 1) / σ_a)²,
 
 u of `sensing.mutual_model`, σ_i² = noise² + (model error · peak_i)². What is left is the model's error where
 that is larger than the one given, which has to cover what was not tried: other fingers, hovering ones.
@@ -36,7 +36,7 @@ class KnownTouches:
 
 
 def fit_mutual_model(model: MutualModel, lying: KnownTouches, pressed: KnownTouches) -> MutualModel:
-    """A model whose depth, finger radius, contact counts, gains and error are those of the touches.
+    """A model with the depth, finger radius, contact counts, crosstalk, gains and error of the touches.
 
     Args: model, as drawn; lying, pressed: the finger without force and with any force.
     Raises SoftfuseError unless at least two lie and two press, and when no fit explains them.
@@ -55,16 +55,16 @@ def fit_mutual_model(model: MutualModel, lying: KnownTouches, pressed: KnownTouc
 
     def of(x):
         sizes = jnp.array([model.depth_m, model.finger_radius_m, model.contact_counts]) * jnp.exp(x[:3])
-        gain = x[3 : 3 + cells].reshape(model.gain.shape)
-        fitted = eqx.tree_at(_constants, model, (*sizes, gain))
-        coupling = jnp.concatenate([jnp.zeros(rest), x[3 + cells :]])
+        gain = x[4 : 4 + cells].reshape(model.gain.shape)
+        fitted = eqx.tree_at(_constants, model, (*sizes, x[3], gain))
+        coupling = jnp.concatenate([jnp.zeros(rest), x[4 + cells :]])
         return fitted, source_signals(fitted, Sources(places, jnp.ones(rest + free), coupling)) - flat
 
     def residual(x):
-        return jnp.concatenate([(of(x)[1] / sigma).ravel(), (x[3 : 3 + cells] - 1) / _GAIN_SIGMA])
+        return jnp.concatenate([(of(x)[1] / sigma).ravel(), (x[4 : 4 + cells] - 1) / _GAIN_SIGMA])
 
     counts = np.log(_mean_peak(lying) / float(model.contact_counts))
-    start = jnp.concatenate([jnp.array([0.0, 0.0, counts]), jnp.ones(cells + free)])
+    start = jnp.concatenate([jnp.array([0.0, 0.0, counts, 0.0]), jnp.ones(cells + free)])
     found = optx.least_squares(
         lambda x, _: residual(x), optx.LevenbergMarquardt(_ACCURACY, _ACCURACY), start, throw=False
     )
@@ -77,7 +77,7 @@ def fit_mutual_model(model: MutualModel, lying: KnownTouches, pressed: KnownTouc
         )
     fitted, misfit = of(found.value)
     # As many data as unknowns explain nothing.
-    unknowns = 3 + cells + free
+    unknowns = 4 + cells + free
     relative = np.asarray(misfit) / peak[:, None]
     left = max(misfit.size - unknowns, 1)
     fit_error = np.sqrt(max(np.sum(relative**2) / left - np.mean((noise / peak) ** 2), 0.0))
@@ -85,7 +85,7 @@ def fit_mutual_model(model: MutualModel, lying: KnownTouches, pressed: KnownTouc
 
 
 def _constants(model: MutualModel):
-    return model.depth_m, model.finger_radius_m, model.contact_counts, model.gain
+    return model.depth_m, model.finger_radius_m, model.contact_counts, model.crosstalk, model.gain
 
 
 def _mean_peak(touches: KnownTouches) -> float:

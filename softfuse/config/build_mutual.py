@@ -55,6 +55,8 @@ def mutual_grid(settings: MutualSettings) -> MutualGrid:
             gain=None if shape.gain is None else np.reshape(shape.gain, (4, 4)).T,
             shield_sigma=shape.shield_sigma,
             noise_counts=settings.noise_counts,
+            crosstalk=shape.crosstalk,
+            common_error=shape.common_error,
             model_error=shape.model_error,
         ),
         splitting=splitting(
@@ -63,6 +65,7 @@ def mutual_grid(settings: MutualSettings) -> MutualGrid:
             weakest=rule.weakest,
             faintest=rule.faintest,
             lift_sigma=rule.lift_sigma,
+            slide_sigma=rule.slide_sigma,
             wander_m=rule.wander,
         ),
         follower=touch_follower(

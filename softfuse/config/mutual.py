@@ -35,8 +35,9 @@ class MutualShapeSettings(Settings):
 
     contact_counts: drop of a cell's reading under it without force; electrode_width (None: the pitch), depth
     below the surface, finger_radius in m; gain: of the 16 cells in the order of the channels (None: alike);
-    shield_sigma: by which part fingers differ; model_error: relative misfit. calibration/mutual_grid.py fits
-    them to touches.
+    crosstalk: part of the signals of the other cells of its lines that a cell shows; shield_sigma: by which
+    part fingers differ; model_error: relative misfit. calibration/mutual_grid.py fits them to touches.
+    common_error: what all baselines may be off by alike, as a part of contact_counts.
     """
 
     contact_counts: PositiveNumber = 1900.0
@@ -44,6 +45,8 @@ class MutualShapeSettings(Settings):
     depth: PositiveLength = 1.5e-3
     finger_radius: PositiveLength = 8e-3
     gain: tuple[PositiveNumber, ...] | None = None
+    crosstalk: Number = 0.0
+    common_error: PositiveNumber = 0.015
     shield_sigma: PositiveNumber = 0.15
     model_error: PositiveNumber = 0.015
 
@@ -60,11 +63,12 @@ class MutualSplittingSettings(Settings):
     wander in m: how far a touch strays in a frame from where it was expected.
     """
 
-    worth_sigma: PositiveNumber = 8.0
+    worth_sigma: PositiveNumber = 5.0
     apart_pitches: PositiveNumber = 0.7
     weakest: PositiveNumber = 0.45
     faintest: PositiveNumber = 0.08
     lift_sigma: PositiveNumber = 3.0
+    slide_sigma: PositiveNumber = 3.0
     wander: PositiveLength = 0.6e-3
 
 

@@ -3,11 +3,14 @@
 Each of n sources has three unknowns z: x, y in pitches and one strength, its coupling k while it is in
 contact (with the shielding `held` s*), its shielding s while it hovers. Over the valid cells,
 
-    Σ ((u − signal) / σ)² + Σ_hovering (max(s − 1, 0) / σ_s)² + Σ_expected |p − p_expected|² / σ_p²,
+    min over b of  Σ ((u + b − signal) / σ)² + ((b − b₀) / σ_b)²
+        + Σ_hovering (max(s − 1, 0) / σ_s)² + Σ_expected |p − p_expected|² / σ_p²,
 
 σ² = noise² + (model error · peak)², the peak being that of the image or of the effects in contact, which may
-cancel in it. Strengths are >= 0. The minimum is found by projected Levenberg-Marquardt steps; a source has
-the derivatives of its own signal only, so that JᵀJ is made of blocks of three columns.
+cancel in it. b is what all cells have in common, because baselines were taken, or followed, while something
+was far away. A place is expected where it was last, or would be if it moved on, or, once the thing presses,
+where it was set down. Strengths are >= 0. The minimum is found by projected Levenberg-Marquardt steps; a
+source has the derivatives of its own signal only, so that JᵀJ is made of blocks of three columns.
 """
 
 import equinox as eqx
@@ -24,8 +27,7 @@ BEYOND = 0.5
 _DAMPING = 1e-1
 _LIMIT = 6.0  # of contact: more is a fault, and would send the fit astray
 _RIDGE = 1e-6
-_STEADIER = 0.3  # of the wander, where an image hardly tells places: two things cross, or effects cancel
-_CANCELS = 0.5  # of the held shielding: from there on coupling hides it
+_STEADIER = 0.3  # of the wander, where an image hardly tells places: two things cross
 
 
 class Known(eqx.Module):
@@ -37,16 +39,26 @@ class Known(eqx.Module):
     """(n,) the thing was in contact: it couples."""
     firm: Bool[Array, " n"]
     """(n,) it pressed firmly."""
+    pressed: Bool[Array, " n"]
+    """(n,) it pressed, and had been seen before it did."""
     most: Float[Array, " n"]
     """(n,) coupling beyond which it cannot press by what else is known [contact]."""
     held: Float[Array, " n"]
     """(n,) its shielding s* in contact."""
     place_m: Float[Array, "n 2"]
-    """(n, 2) where it is expected [m]."""
+    """(n, 2) where it is expected if it moves on [m]."""
+    set_down_m: Float[Array, "n 2"]
+    """(n, 2) where it was before it pressed [m]."""
+    set_down_sigma_m: Float[Array, "n 2"]
+    """(n, 2) standard deviations of that [m]."""
     close: Bool[Array, " n"]
     """(n,) another thing in contact is as close to it as can hardly be told apart."""
     strength: Float[Array, " n"]
     """(n,) its last s while it hovers, k in contact."""
+    common_counts: Float[Array, ""]
+    """What all baselines are off by alike [counts]."""
+    common_sigma: Float[Array, ""]
+    """Standard deviation of that [counts]."""
 
 
 class Guess(eqx.Module):
@@ -60,6 +72,8 @@ class Guess(eqx.Module):
     """(n,) its shielding in contact."""
     expected: Bool[Array, " n"]
     """(n,) it should be where it was expected."""
+    stays: Bool[Array, " n"]
+    """(n,) it should be where it was set down instead."""
 
 
 class ImageCost(eqx.Module):
@@ -69,9 +83,22 @@ class ImageCost(eqx.Module):
     known: Known
     wander_m: Float[Array, ""]
     signal: Float[Array, " e"]
-    """(c r,) counts above the baseline, 0 where invalid."""
+    """(c r,) counts above the baseline, less what is known to be common to all; 0 where invalid."""
     weight: Float[Array, " e"]
     """(c r,) inverse standard deviations [1/counts], 0 where invalid."""
+    common: Float[Array, " e"]
+    """(c r,) direction of what is common to all cells, over √(1 − 1/√(1 + σ_b² Σ 1/σ²)) [-]."""
+
+    def whitened(self, counts: Float[Array, " e"]) -> Float[Array, " e"]:
+        """Counts (c r,) over their standard deviations, less for what is common to all."""
+        scaled = self.weight * counts
+        return scaled - self.common * (self.common @ scaled)
+
+    def common_counts(self, left: Float[Array, " e"]) -> Float[Array, ""]:
+        """What all baselines are off by [counts] where sources leave so much (c r,) [counts] of the image."""
+        square = self.known.common_sigma**2
+        told = square * jnp.sum(self.weight**2 * left) / (1.0 + square * jnp.sum(self.weight**2))
+        return self.known.common_counts + told
 
     def sources(self, z: Float[Array, "n 3"], guess: Guess) -> Sources:
         """Sources of the unknowns; s = k = 0 in free slots."""
@@ -85,32 +112,39 @@ class ImageCost(eqx.Module):
     def cost(self, z: Float[Array, "n 3"], guess: Guess) -> Float[Array, ""]:
         """Of the unknowns."""
         stiffness, target = self._prior(z, guess)
-        misfit = self.left(z, guess) * self.weight
+        misfit = self.whitened(self.left(z, guess))
         return misfit @ misfit + jnp.sum(stiffness * (z - target) ** 2)
 
     def normal_equations(
         self, z: Float[Array, "n 3"], guess: Guess
     ) -> tuple[Float[Array, "m m"], Float[Array, " m"]]:
         """JᵀJ and Jᵀr (3 n) of what may move: neither free slots nor what presses against a bound."""
-
-        def signal(unknowns, there, contact, held):
-            one = Guess(there, contact, held, there)
-            shield, coupling = self._effects(unknowns[2], one)
-            value = self.weight * one_signal(self.model, unknowns[:2] * self.model.pitch_m, shield, coupling)
-            return value, value
-
-        derivative = jax.vmap(jax.jacfwd(signal, has_aux=True))
-        jacobian, signals = derivative(z, guess.there, guess.contact, guess.held)
-        misfit = jnp.sum(signals, axis=0) - self.weight * self.signal
+        jacobian, signals = self._signals(z, guess)
+        misfit = jnp.sum(signals, axis=0) - self.whitened(self.signal)
         stiffness, target = self._prior(z, guess)
         gradient = jnp.einsum("e,neu->nu", misfit, jacobian) + stiffness * (z - target)
         low, high = self.bounds()
         held = ((z <= low) & (gradient > 0)) | ((z >= high) & (gradient < 0)) | ~guess.there[:, None]
         moves = jax.lax.stop_gradient((~held).astype(z.dtype))
-        flat = (jacobian * moves[:, None, :]).transpose(1, 0, 2).reshape(misfit.shape[0], -1)
-        # What is held, or does not show, stays.
-        diagonal = moves * stiffness + _RIDGE + 1.0 - moves
-        return flat.T @ flat + jnp.diag(diagonal.ravel()), (moves * gradient).ravel()
+        return _information(jacobian, stiffness, moves), (moves * gradient).ravel()
+
+    def information(self, z: Float[Array, "n 3"], guess: Guess) -> Float[Array, "m m"]:
+        """What is told of the unknowns (3 n), as if there were no bounds."""
+        there = jnp.broadcast_to(guess.there[:, None], z.shape).astype(z.dtype)
+        return _information(self._signals(z, guess)[0], self._prior(z, guess)[0], there)
+
+    def _signals(self, z, guess: Guess) -> tuple[Float[Array, "n e 3"], Float[Array, "n e"]]:
+        """Derivatives of each source's own whitened signal, and the signals."""
+
+        def signal(unknowns, there, contact, held):
+            one = Guess(there, contact, held, there, ~there)
+            shield, coupling = self._effects(unknowns[2], one)
+            place = unknowns[:2] * self.model.pitch_m
+            value = self.whitened(one_signal(self.model, place, shield, coupling))
+            return value, value
+
+        derivative = jax.vmap(jax.jacfwd(signal, has_aux=True))
+        return derivative(z, guess.there, guess.contact, guess.held)
 
     def bounds(self) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
         """Lowest and highest unknowns of a source."""
@@ -153,13 +187,23 @@ class ImageCost(eqx.Module):
         """Stiffness (n, 3) with which each unknown is drawn to its target (n, 3)."""
         model = self.model
         known = self.known
-        hidden = guess.contact & (known.held > 0) & (known.strength > _CANCELS * known.held)
-        pitches = jnp.where(known.close | hidden, _STEADIER, 1.0) * self.wander_m / model.pitch_m
-        stray = jnp.where(guess.expected, 1 / pitches**2, 0.0)
+        stays = guess.stays[:, None]
+        wander = jnp.where(known.close, _STEADIER, 1.0)[:, None] * self.wander_m
+        pitches = jnp.where(stays, known.set_down_sigma_m, wander) / model.pitch_m
+        stray = jnp.where(guess.expected[:, None], 1 / pitches**2, 0.0)
         beyond = guess.there & ~guess.contact & (z[:, 2] > 1.0)
         excess = jnp.where(beyond, 1 / model.shield_sigma**2, 0.0)
-        target = jnp.append(known.place_m / model.pitch_m, jnp.ones_like(stray)[:, None], axis=1)
-        return jnp.stack([stray, stray, excess], axis=1), target
+        place = jnp.where(stays, known.set_down_m, known.place_m) / model.pitch_m
+        return jnp.append(stray, excess[:, None], axis=1), jnp.append(
+            place, jnp.ones_like(excess)[:, None], axis=1
+        )
+
+
+def _information(jacobian, stiffness, moves) -> Float[Array, "m m"]:
+    """JᵀJ with priors of the unknowns that move; what does not, or does not show, stays."""
+    flat = (jacobian * moves[:, None, :]).transpose(1, 0, 2).reshape(jacobian.shape[1], -1)
+    diagonal = moves * stiffness + _RIDGE + 1.0 - moves
+    return flat.T @ flat + jnp.diag(diagonal.ravel())
 
 
 def image_cost(
@@ -170,9 +214,15 @@ def image_cost(
     valid: Bool[Array, "c r"],
 ) -> ImageCost:
     """Weights by noise and misfit of the model for an image (c, r) [counts], of which `valid` takes part."""
-    flat = jnp.where(valid, signal, 0.0).ravel()
+    flat = jnp.where(valid, signal - known.common_counts, 0.0).ravel()
     # Where shielding and coupling cancel, little is left of the signal, but not of their models' errors.
     hidden = jnp.where(known.there & known.contact, jnp.hypot(known.held, known.strength), 0.0)
     peak = jnp.maximum(jnp.max(jnp.abs(flat)), model.contact_counts * jnp.max(hidden))
     sigma = jnp.sqrt(model.noise_counts**2 + (model.model_error * peak) ** 2)
-    return ImageCost(model, known, wander_m, flat, jnp.where(valid.ravel(), 1.0 / sigma, 0.0))
+    weight = jnp.where(valid.ravel(), 1.0 / sigma, 0.0)
+    length = jnp.sqrt(jnp.sum(weight**2))
+    spread = known.common_sigma * length
+    # R = diag σ² + σ_b² 1 1ᵀ has the square root of an inverse diag 1/σ − common commonᵀ diag 1/σ.
+    part = jnp.sqrt(1.0 - 1.0 / jnp.sqrt(1.0 + spread**2))
+    common = part * weight / jnp.where(length > 0, length, 1.0)
+    return ImageCost(model, known, wander_m, flat, weight, common)

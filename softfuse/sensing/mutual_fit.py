@@ -10,13 +10,18 @@ besides its place:
   image of what hovers fits better, what pressed firmly must press lightly first; and what would couple more
   than it can (`most`) has gone where hovering fits better at all.
 
+Where coupling cancels shielding, an image hardly tells a place: what presses is expected where it was set
+down, as well as that was told, until another place fits much better (`slid`).
+
 Two fingers on neighbouring cells leave no valley between them, so that no local maximum tells them apart.
 But one finger is neither as wide nor as strong: a further source is tried where it explains most of what is
 left of the image (weighted least squares at places a quarter of a pitch apart), and instead of the source
 that fits worst, two of them side by side. It stays when it mends the cost by `worth_sigma`², lies
 `apart_pitches` from all others and is not weaker than `weakest` of its strongest neighbour. At most one is
-added in a frame. The cost is that of `mutual_cost`. Cells are split like a watershed: each belongs to the
-source that has the largest part in it.
+added in a frame. While nothing presses, an image tells everything by itself: then its sources are sought
+afresh in every frame, so that what was made of things far away, whose images are broad, does not stay. The
+cost is that of `mutual_cost`. Cells are split like a watershed: each belongs to the source that has the
+largest part in it.
 """
 
 import equinox as eqx
@@ -33,6 +38,7 @@ _FINER = 4  # places tried per pitch
 _UNSEEN = 1e-6  # of the largest weight
 _HALF = 0.7  # of the strength of a source that becomes two
 _NEIGHBOURS = 2.0  # pitches
+_BETTER = 2.0  # by so much other sources must mend the cost, so that equals do not alternate
 _SIDES = np.array([[0.5, 0.0], [0.0, 0.5]])  # of a pitch
 
 
@@ -49,6 +55,8 @@ class Splitting(eqx.Module):
     """Least strength of a further source [contact]."""
     lift_sigma: Float[Array, ""]
     """By so much, squared, hovering must fit better than contact to end it [standard deviations]."""
+    slide_sigma: Float[Array, ""]
+    """By so much, squared, another place must fit better than that where a thing was set down."""
     wander_m: Float[Array, ""]
     """Standard deviation of a place from where it was expected [m]."""
     iterations: int = eqx.field(static=True)
@@ -68,21 +76,26 @@ class MutualFit(eqx.Module):
     """(n,) fitted as a thing in contact."""
     lifted: Bool[Array, " n"]
     """(n,) was in contact, but the image is that of a thing that hovers."""
+    slid: Bool[Array, " n"]
+    """(n,) pressed, but not where it was set down."""
     new: Bool[Array, " n"]
     """(n,) was not known before."""
     label: Int[Array, "c r"]
     """(c, r) slot of the source to which a cell belongs, -1 for none."""
+    common_counts: Float[Array, ""]
+    """What all baselines are off by alike [counts]."""
     residual_counts: Float[Array, ""]
     """Root mean square residual of the valid cells [counts]."""
 
 
 def splitting(
     *,
-    worth_sigma: float = 8.0,
+    worth_sigma: float = 5.0,
     apart_pitches: float = 0.7,
     weakest: float = 0.45,
     faintest: float = 0.08,
     lift_sigma: float = 3.0,
+    slide_sigma: float = 3.0,
     wander_m: float = 0.6e-3,
     iterations: int = 12,
 ) -> Splitting:
@@ -93,6 +106,7 @@ def splitting(
         weakest=jnp.asarray(weakest, float),
         faintest=jnp.asarray(faintest, float),
         lift_sigma=jnp.asarray(lift_sigma, float),
+        slide_sigma=jnp.asarray(slide_sigma, float),
         wander_m=jnp.asarray(wander_m, float),
         iterations=iterations,
     )
@@ -101,9 +115,22 @@ def splitting(
 def nothing_known(model: MutualModel, slots: int) -> Known:
     """All slots free."""
     middle = jnp.stack([jnp.mean(model.column_x_m), jnp.mean(model.row_y_m)])
-    no = jnp.zeros(slots, bool)
-    none = jnp.full(slots, jnp.inf, float)
-    return Known(no, no, no, none, jnp.zeros(slots), jnp.tile(middle, (slots, 1)), no, jnp.zeros(slots))
+    no, zero, at = jnp.zeros(slots, bool), jnp.zeros(slots), jnp.tile(middle, (slots, 1))
+    return Known(
+        there=no,
+        contact=no,
+        firm=no,
+        pressed=no,
+        most=jnp.full(slots, jnp.inf, float),
+        held=zero,
+        place_m=at,
+        set_down_m=at,
+        set_down_sigma_m=jnp.broadcast_to(model.pitch_m, (slots, 2)),
+        close=no,
+        strength=zero,
+        common_counts=jnp.zeros(()),
+        common_sigma=model.common_error * model.contact_counts,
+    )
 
 
 def no_fit(model: MutualModel, slots: int) -> MutualFit:
@@ -113,8 +140,9 @@ def no_fit(model: MutualModel, slots: int) -> MutualFit:
     return MutualFit(
         Sources(known.place_m, jnp.zeros(slots), jnp.zeros(slots)),
         jnp.broadcast_to(model.pitch_m, (slots, 2)),
-        *([known.there] * 4),
+        *([known.there] * 5),
         label=jnp.full(lines, -1),
+        common_counts=jnp.zeros(()),
         residual_counts=jnp.zeros(()),
     )
 
@@ -158,8 +186,13 @@ def fit_sources(
     image = image_cost(model, known, rule.wander_m, signal, valid)
     # How the minimum was found does not matter to its derivative: one step at it carries all of that.
     frozen = jax.lax.stop_gradient(image)
-    z, cost, guess, lifted = _follow(frozen, rule)
-    z, guess, new = _extend(frozen, rule, z, cost, guess)
+    z, cost, guess, lifted, slid = _follow(frozen, rule)
+    z, cost, guess, new = _extend(frozen, rule, z, cost, guess, rule.worth_sigma**2)
+    z, guess, lifted, new = jax.lax.cond(
+        known.there.any() & ~(known.pressed | known.close).any(),
+        lambda: _afresh(frozen, rule, z, guess, lifted, new),
+        lambda: (z, guess, lifted, new),
+    )
     matrix, gradient = image.normal_equations(z, guess)
     change = solve(jax.lax.stop_gradient(matrix), gradient, assume_a="pos").reshape(z.shape)
     z = z - (change - jax.lax.stop_gradient(change))
@@ -169,48 +202,100 @@ def fit_sources(
     misfit = jnp.where(image.weight > 0, jnp.sum(signals, axis=0) - image.signal, 0.0)
     # A misfit beyond the expected one widens the spread in proportion (Birge's ratio).
     freedom = jnp.maximum(jnp.sum(valid) - z.shape[1] * jnp.sum(guess.there), 1)
-    ratio = jnp.maximum(1.0, jnp.sum((misfit * image.weight) ** 2) / freedom)
-    variance = ratio * jnp.diagonal(jnp.linalg.inv(matrix)).reshape(z.shape)
+    ratio = jnp.maximum(1.0, jnp.sum(image.whitened(misfit) ** 2) / freedom)
+    # An image is drawn to where things were in that before, which was off alike: that adds no knowledge.
+    alone = image.information(z, eqx.tree_at(lambda g: g.expected, guess, guess.stays))
+    variance = ratio * jnp.diagonal(jnp.linalg.inv(alone)).reshape(z.shape)
     return MutualFit(
         sources=sources,
         place_sigma_m=model.pitch_m * jnp.sqrt(variance[:, :2]),
         there=guess.there,
         contact=guess.contact & guess.there,
         lifted=lifted,
+        slid=slid,
         new=new,
         label=jnp.where(strong, jnp.argmax(jnp.abs(signals), axis=0), -1).reshape(signal.shape),
+        common_counts=image.common_counts(-misfit),
         residual_counts=jnp.sqrt(jnp.sum(misfit**2) / jnp.maximum(jnp.sum(valid), 1)),
     )
 
 
 def _follow(image: ImageCost, rule: Splitting):
-    """The known sources; each in contact is also tried as one that hovers."""
+    """The known sources; what presses is also tried as slid, each in contact as one that hovers."""
     known = image.known
     slots = known.there.shape[0]
     contact = known.there & known.contact
-    # Row 0: as they were; row 1 + j: source j hovers.
-    hovers = jnp.concatenate([jnp.zeros((1, slots), bool), jnp.eye(slots, dtype=bool)]) & contact
+    # Row 0: as they were; row 1: slid from where they were set down; row 2 + j: source j hovers.
+    none = jnp.zeros((1, slots), bool)
+    hovers = jnp.concatenate([none, none, jnp.eye(slots, dtype=bool)]) & contact
+    stays = jnp.ones((slots + 2, 1), bool).at[1].set(False) & contact & known.pressed
     net = jnp.maximum(known.held - known.strength, 0.0)
     strength = jnp.where(hovers, net, known.strength)
-    at = jnp.broadcast_to(known.place_m / image.model.pitch_m, (slots + 1, slots, 2))
-    guesses = jax.vmap(lambda each: Guess(known.there, contact & ~each, known.held, known.there))(hovers)
+    at = jnp.where(stays[..., None], known.set_down_m, known.place_m) / image.model.pitch_m
+    guesses = jax.vmap(lambda over, on: Guess(known.there, contact & ~over, known.held, known.there, on))(
+        hovers, stays
+    )
     zs, costs = _minima(image, rule, jnp.concatenate([at, strength[..., None]], axis=-1), guesses)
     # To hover it must have shielded at all: what does not conduct ends by its strength.
-    gain = costs[0] - costs[1:]
+    gain = costs[0] - costs[2:]
     beyond = (zs[0, :, 2] > known.most) & (gain > 0)
     lifted = ((gain > rule.lift_sigma**2) & ~known.firm | beyond) & contact & (known.held > 0)
-    best = jnp.where(lifted.any(), 1 + jnp.argmin(jnp.where(lifted, costs[1:], jnp.inf)), 0)
-    return zs[best], costs[best], jax.tree.map(lambda each: each[best], guesses), lifted
+    slid = (costs[0] - costs[1] > rule.slide_sigma**2) & stays[0]
+    best = jnp.where(slid.any(), 1, 0)
+    best = jnp.where(lifted.any(), 2 + jnp.argmin(jnp.where(lifted, costs[2:], jnp.inf)), best)
+    return zs[best], costs[best], jax.tree.map(lambda each: each[best], guesses), lifted, slid & (best == 1)
 
 
-def _extend(image: ImageCost, rule: Splitting, z, cost, guess: Guess):
-    """One source more, if there is one and a slot is free."""
+def _afresh(image: ImageCost, rule: Splitting, z, guess: Guess, lifted, new):
+    """The sources of an image of which nothing is known, where they explain it better than those followed.
+
+    What was made of things while they were further off, and their image broad, must not stay. That coupling
+    hides no shielding is told by the image: all that shields together does not do so by less than it did.
+    """
+    before = image.known
+    known = eqx.tree_at(
+        lambda k: (k.common_counts, k.common_sigma),
+        nothing_known(image.model, len(z)),
+        (before.common_counts, before.common_sigma),
+    )
+    alone = eqx.tree_at(lambda i: i.known, image, known)
+    followed = jnp.sum(guess.there)
+    needed = rule.lift_sigma**2
+
+    def further(carry, _):
+        z, cost, guess = carry
+        worth = jnp.where(jnp.sum(guess.there) < followed, needed, rule.worth_sigma**2)
+        return _extend(alone, rule, z, cost, guess, worth)[:3], None
+
+    def price(z, guess):
+        count = jnp.sum(guess.there)
+        further = jnp.maximum(count - followed, 0)
+        return alone.cost(z, guess) + needed * (count - further) + rule.worth_sigma**2 * further
+
+    none = jnp.zeros_like(z).at[:, :2].set(known.place_m / image.model.pitch_m)
+    nobody = Guess(known.there, known.contact, known.held, known.there, known.there)
+    start = (none, alone.cost(none, nobody), nobody)
+    (z_alone, _, guess_alone), _ = jax.lax.scan(further, start, None, length=len(z))
+    there = guess_alone.there
+    shielded = jnp.sum(jnp.where(before.there, jnp.where(before.contact, before.held, before.strength), 0.0))
+    taken = (
+        (price(z, guess) - price(z_alone, guess_alone) > _BETTER)
+        & ~(there & guess_alone.contact).any()
+        & (jnp.sum(jnp.where(there, z_alone[:, 2], 0.0)) >= shielded)
+    )
+    # Which source is which track is told by their places alone.
+    found = jax.tree.map(lambda after, now: jnp.where(taken, after, now), (z_alone, guess_alone), (z, guess))
+    return *found, jnp.where(taken, there, lifted), jnp.where(taken, there, new)
+
+
+def _extend(image: ImageCost, rule: Splitting, z, cost, guess: Guess, worth: Float[Array, ""]):
+    """One source more, if one mends the cost by `worth` and a slot is free."""
     model = image.model
     new = jnp.arange(len(z)) == jnp.argmin(guess.there)
     left = image.left(z, guess)
     place, strength, _ = best_place(model, left, image.weight)
     signals = source_signals(model, image.sources(z, guess))
-    worst = jnp.argmax(jnp.abs(signals) @ (left * image.weight) ** 2)
+    worst = jnp.argmax(jnp.abs(signals) @ image.whitened(left) ** 2)
     is_worst = jnp.arange(len(z)) == worst
     net = jnp.where(guess.contact[worst], guess.held[worst] - z[worst, 2], z[worst, 2])
     half = _HALF * jnp.maximum(net, 0.0)
@@ -223,6 +308,7 @@ def _extend(image: ImageCost, rule: Splitting, z, cost, guess: Guess):
             jnp.where(new, strength > 0, guess.contact),
             held,
             guess.expected & ~new,
+            guess.stays,
         )
     ]
     for side in _SIDES:
@@ -230,15 +316,17 @@ def _extend(image: ImageCost, rule: Splitting, z, cost, guess: Guess):
         starts.append(jnp.where(is_worst[:, None], pair[0], jnp.where(new[:, None], pair[1], z)))
         # A source that becomes two is no longer where it was expected.
         free = new | is_worst
-        guesses.append(Guess(guess.there | new, guess.contact & ~free, held, guess.expected & ~free))
+        guesses.append(
+            Guess(guess.there | new, guess.contact & ~free, held, guess.expected & ~free, guess.stays & ~free)
+        )
     guesses = jax.tree.map(lambda *each: jnp.stack(each), *guesses)
     zs, costs = _minima(image, rule, jnp.stack(starts), guesses)
     distinct = jax.vmap(lambda z: _distinct(rule, z, jnp.where(guess.contact, held, 0.0), guess.there, new))
     costs = jnp.where(distinct(zs), costs, jnp.inf)
     best = jnp.argmin(costs)
-    taken = ~guess.there.all() & (cost - costs[best] > rule.worth_sigma**2)
+    taken = ~guess.there.all() & (cost - costs[best] > worth)
     found = jax.tree.map(lambda each, before: jnp.where(taken, each[best], before), guesses, guess)
-    return jnp.where(taken, zs[best], z), found, new & taken
+    return jnp.where(taken, zs[best], z), jnp.where(taken, costs[best], cost), found, new & taken
 
 
 def _minima(image: ImageCost, rule: Splitting, starts: Float[Array, "a n 3"], guesses: Guess):

@@ -20,7 +20,8 @@ a cell's middle, and with the gain a of each cell,
   over the depth t, ½ [tanh((x + b)/L) − tanh((x − b)/L)] in x and y alike with L = 2√3 t/π, summed over the
   same points.
 
-Both effects are small against the whole capacitance, so they add up. Signals are counts above the baseline
+Both effects are small against the whole capacitance, so they add up. Then crosstalk: each cell shows the part
+χ of the signals of the other cells on its column and its row as well. Signals are counts above the baseline
 (minus while something grounded hovers), as images (c, r) with the first index along x.
 """
 
@@ -63,12 +64,16 @@ class MutualModel(eqx.Module):
     """Drop of a cell's reading under a grounded finger that lies on it without force [counts]."""
     gain: Float[Array, "c r"]
     """(c, r) signal of each cell relative to that of all, first index along x."""
+    crosstalk: Float[Array, ""]
+    """Part χ of the signals of a column's and a row's other cells that a cell shows as well."""
     shield_sigma: Float[Array, ""]
     """Standard deviation of the shielding of different fingers in contact, by which s may exceed 1."""
     noise_counts: Float[Array, ""]
     """Standard deviation of one reading [counts]."""
     model_error: Float[Array, ""]
     """Standard deviation of the model's misfit relative to the largest signal, or effect in contact."""
+    common_error: Float[Array, ""]
+    """Standard deviation of what all baselines are off by alike [contact]."""
 
     @property
     def pitch_m(self) -> Float[Array, ""]:
@@ -97,9 +102,11 @@ def mutual_model(
     depth_m: float = 1.5e-3,
     finger_radius_m: float = 8e-3,
     gain: Float[ArrayLike, "c r"] | None = None,
+    crosstalk: float = 0.0,
     shield_sigma: float = 0.15,
     noise_counts: float = 8.0,
     model_error: float = 0.015,
+    common_error: float = 0.015,
 ) -> MutualModel:
     """Model of a grid with columns at column_x_m (c,) and rows at row_y_m (r,) [m], ascending.
 
@@ -117,9 +124,11 @@ def mutual_model(
         finger_radius_m=jnp.asarray(finger_radius_m, float),
         contact_counts=jnp.asarray(contact_counts, float),
         gain=jnp.ones((len(x), len(y))) if gain is None else jnp.asarray(gain, float),
+        crosstalk=jnp.asarray(crosstalk, float),
         shield_sigma=jnp.asarray(shield_sigma, float),
         noise_counts=jnp.asarray(noise_counts, float),
         model_error=jnp.asarray(model_error, float),
+        common_error=jnp.asarray(common_error, float),
     )
 
 
@@ -181,7 +190,13 @@ def one_signal(
 ) -> Float[Array, " e"]:
     """Signal (c r,) [counts] of one thing at place_m (2,) [m] that shields and couples."""
     change = coupling * coupling_shape(model, place_m) - shield * shield_shape(model, place_m, shield)
-    return (model.contact_counts * model.gain * change).ravel()
+    return (model.contact_counts * model.gain * _with_crosstalk(model, change)).ravel()
+
+
+def _with_crosstalk(model: MutualModel, change: Float[Array, "c r"]) -> Float[Array, "c r"]:
+    """What the cells show of their own change and of that of the others along both their lines."""
+    along_both = jnp.sum(change, axis=0, keepdims=True) + jnp.sum(change, axis=1, keepdims=True)
+    return change + model.crosstalk * (along_both - 2.0 * change)
 
 
 def source_signals(model: MutualModel, sources: Sources) -> Float[Array, "n e"]:

@@ -24,6 +24,7 @@ from softfuse.sensing.mutual import MutualGrid, MutualReading, MutualState, mutu
 from softfuse.sensing.senses import AbstractSenses, Sensed
 from softfuse.sensing.slots import ContactSlots, assign_slots, slots_init
 from softfuse.sensing.status import Status
+from softfuse.sensing.truncated_place import within
 
 _SQUEEZED_SIGMA = 3.0  # of the flow: below, nothing flows
 
@@ -102,10 +103,10 @@ class MutualSenses(AbstractSenses):
         flow_state, flow = flow_update(self.flow, state.flow, dt, volts, tracks.touching.any())
         slots = assign_slots(state.slots, jnp.maximum(tracks.shield, tracks.coupling), tracks.touching)
         touching = slots.used
-        at = tracks.place_m[slots.electrode]
-        low, high = self.workspace_m
-        inside = jnp.all((at >= low) & (at <= high), axis=1)
-        located = touching & jnp.all(jnp.isfinite(at), axis=1)
+        at, spread = tracks.place_m[slots.electrode], tracks.place_sigma_m[slots.electrode]
+        located = touching & jnp.all(jnp.isfinite(at) & jnp.isfinite(spread), axis=1)
+        inside, mean, deviation = within(at, spread, self.workspace_m)
+        at, spread = (jnp.where(inside[:, None], *each) for each in ((mean, at), (deviation, spread)))
         known = flow.volume_valid.any()
         flat = jnp.concatenate([at, jnp.zeros((self.contacts, 1))], axis=1)
         places = jnp.where((located & inside)[:, None], flat, state.places_m)
@@ -127,7 +128,7 @@ class MutualSenses(AbstractSenses):
             clear=~tracks.touching.any(),
             places=places,
             location_m=jnp.where(located[:, None], flat, jnp.nan),
-            location_sigma_m=jnp.where(located[:, None], tracks.place_sigma_m[slots.electrode], jnp.nan),
+            location_sigma_m=jnp.where(located[:, None], spread, jnp.nan),
             flags=flags,
             details=MutualMeasurement(flow, grid, slots),
             drift=flow.drift,

@@ -8,7 +8,7 @@ expects is a new one, with the next number.
 * proximity: something shields, by less than `contact_on` of contact.
 * light touch: by more for `on_frames`; or something couples that does not shield, for as long. From then on
   its shielding is held and what changes is coupling (`mutual_fit`), until the image is that of a thing that
-  hovers for `off_frames`.
+  hovers, and shields by less, for `off_frames`.
 * firm touch: coupling above `firm_on` for `on_frames`, until below `firm_off` for `off_frames`.
 
 Where the body's cavities tell that nothing presses harder, no coupling can have grown by more than `firm_on`:
@@ -75,6 +75,10 @@ class TouchTracks(eqx.Module):
     """(n, 2) x, y [m]."""
     place_sigma_m: Float[Array, "n 2"]
     """(n, 2) their standard deviations [m], NaN where nothing is seen."""
+    set_down_m: Float[Array, "n 2"]
+    """(n, 2) where it was before it pressed [m]."""
+    set_down_sigma_m: Float[Array, "n 2"]
+    """(n, 2) standard deviations of that [m]."""
     velocity_m_s: Float[Array, "n 2"]
     """(n, 2) its speed [m/s]."""
     touching: Bool[Array, " n"]
@@ -93,6 +97,8 @@ class TouchTracks(eqx.Module):
     firm_frames: Int[Array, " n"]
     touched_s: Float[Array, " n"]
     lost_s: Float[Array, " n"]
+    common_counts: Float[Array, ""]
+    """What all baselines are off by alike, as the last image before a touch told it [counts]."""
     last_number: Int[Array, ""]
 
     @property
@@ -149,8 +155,8 @@ def tracks_init(tracks: int) -> TouchTracks:
     two = jnp.zeros((tracks, 2))
     unknown, never = jnp.full((tracks, 2), jnp.nan, float), jnp.full(tracks, jnp.inf, float)
     return TouchTracks(
-        no, none, two, unknown, two, no, no, no, zero, zero, zero, none, none, zero, never,
-        jnp.zeros((), int),
+        no, none, two, unknown, two, unknown, two, no, no, no, zero, zero, zero, none, none, zero, never,
+        jnp.zeros(()), jnp.zeros((), int),
     )  # fmt: skip
 
 
@@ -167,15 +173,23 @@ def expected(
     square = jnp.sum(tracks.velocity_m_s**2, axis=1, keepdims=True)
     velocity = jnp.where(square > _STILL_M_S**2, tracks.velocity_m_s, 0.0)
     place = jnp.clip(tracks.place_m + dt_s * velocity, low, high)
+    # Baselines rest while something touches; then coupling looks like what they are off by.
+    touched = tracks.touching.any()
+    pressed = tracks.touching & tracks.conducts & (tracks.coupling > follower.coupling_off)
     return Known(
         there=tracks.there,
         contact=tracks.touching | (tracks.there & ~tracks.conducts),
         firm=tracks.firm,
+        pressed=pressed & jnp.all(jnp.isfinite(tracks.set_down_sigma_m), axis=1),
         most=jnp.where(squeezed, jnp.inf, tracks.least + follower.firm_on),
         held=jnp.where(tracks.conducts, tracks.shield, 0.0),
         place_m=place,
+        set_down_m=tracks.set_down_m,
+        set_down_sigma_m=tracks.set_down_sigma_m,
         close=_close(tracks.there & tracks.touching, place, _CLOSE * model.pitch_m),
         strength=jnp.where(tracks.touching | ~tracks.conducts, tracks.coupling, tracks.shield),
+        common_counts=jnp.where(touched, tracks.common_counts, 0.0),
+        common_sigma=jnp.where(touched, model.noise_counts, model.common_error * model.contact_counts),
     )
 
 
@@ -223,16 +237,16 @@ def follow_touches(
     shield, coupling, contact = fit.sources.shield[to], fit.sources.coupling[to], fit.contact[to]
 
     touching = tracks.touching & same & tracks.there
-    # More shielding than was held is no lift: the thing had not arrived when it was first taken to touch.
+    # What shields like contact has not gone: it had not arrived when it was taken to touch, or lies looser.
     lifted = fit.lifted[to] & touching
-    deeper = lifted & (shield >= tracks.shield)
-    gone = (lifted & ~deeper) | (touching & ~tracks.conducts & (coupling < follower.coupling_off))
+    hovers = lifted & (shield < follower.contact_on)
+    gone = hovers | (touching & ~tracks.conducts & (coupling < follower.coupling_off))
     begins = jnp.where(contact, coupling > follower.coupling_on, shield > follower.contact_on)
     counts = jnp.where(touching, gone | ~there, begins & there)
     frames = jnp.where(counts, jnp.where(same, tracks.touch_frames, 0) + 1, 0)
     flip = frames >= jnp.where(touching, follower.off_frames, follower.on_frames)
     now = touching ^ flip
-    held = touching & ~deeper & now
+    held = touching & now & (~lifted | hovers)
     conducts = jnp.where(touching, tracks.conducts, ~contact)
     pressed = jnp.where(contact, coupling, jnp.where(held, jnp.maximum(tracks.shield - shield, 0.0), 0.0))
 
@@ -248,12 +262,17 @@ def follow_touches(
     follows = (same & tracks.there)[:, None]
     share = jnp.where(known.close, 0.0, share)[:, None]
     kept = jnp.where(known.close, jnp.exp(-dt_s / _COASTING_S), 1.0)[:, None]
+    # Once it presses, its coupling hides from an image where its shielding is.
+    anew = (born | ~known.pressed | fit.slid[to])[:, None]
+    sigma = jnp.where(there[:, None], fit.place_sigma_m[to], jnp.nan)
     number = jnp.where(born, tracks.last_number + jnp.cumsum(born), tracks.number)
     return TouchTracks(
         there=there,
         number=number,
         place_m=place,
-        place_sigma_m=jnp.where(there[:, None], fit.place_sigma_m[to], jnp.nan),
+        place_sigma_m=sigma,
+        set_down_m=jnp.where(anew, place, tracks.set_down_m),
+        set_down_sigma_m=jnp.where(anew, sigma, tracks.set_down_sigma_m),
         velocity_m_s=jnp.where(follows, kept * tracks.velocity_m_s + share * moved, jnp.zeros_like(moved)),
         touching=now,
         firm=firm ^ turn,
@@ -265,5 +284,6 @@ def follow_touches(
         firm_frames=jnp.where(turn, 0, firm_frames),
         touched_s=jnp.where(now, jnp.where(same, tracks.touched_s, 0.0) + dt_s, 0.0),
         lost_s=jnp.where(there, 0.0, jnp.where(remembered, tracks.lost_s + dt_s, jnp.inf)),
+        common_counts=jnp.where(tracks.touching.any(), tracks.common_counts, fit.common_counts),
         last_number=tracks.last_number + jnp.sum(born),
     )

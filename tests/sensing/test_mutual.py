@@ -5,6 +5,7 @@ layers under a disc's edge, drift, noise and the converter's steps.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -291,6 +292,7 @@ def test_the_assignment_is_the_best_of_all() -> None:
 
 
 def test_shielding_lowers_and_coupling_raises_one_reading(model) -> None:
+    model = eqx.tree_at(lambda m: m.crosstalk, model, jnp.zeros(()))
     at = jnp.array([[-8 * MM, -8 * MM]] * 2)
     drop, rise = np.asarray(source_signals(model, Sources(at, jnp.array([1.0, 0.0]), jnp.array([0.0, 1.0]))))
     whole = float(model.contact_counts * model.gain[1, 1])
@@ -299,6 +301,56 @@ def test_shielding_lowers_and_coupling_raises_one_reading(model) -> None:
     assert np.all(np.abs(drop) >= rise)
     far = np.asarray(source_signals(model, Sources(at[:1], jnp.array([0.3]), jnp.zeros(1))))[0]
     assert far.min() == pytest.approx(0.3 * drop.min()) and np.all(far <= 0.3 * drop + 1e-9)
+
+
+def test_crosstalk_is_what_cells_show_of_the_others_on_their_lines(model) -> None:
+    assert float(model.crosstalk) == pytest.approx(BED.field.crosstalk, rel=0.05)
+    thing = Sources(jnp.array([[3 * MM, -5 * MM]]), jnp.ones(1), jnp.zeros(1))
+    alike = eqx.tree_at(lambda m: m.gain, model, jnp.ones((4, 4)))
+    own = eqx.tree_at(lambda m: m.crosstalk, alike, jnp.zeros(()))
+    shown = replace(BED.field, crosstalk=float(model.crosstalk)).with_crosstalk(
+        np.asarray(mutual_signal(own, thing))
+    )
+    np.testing.assert_allclose(mutual_signal(alike, thing), shown)
+
+
+def both_at_once(height: float) -> Things:
+    """Two fingers 20 mm apart that wait at a height, come down together, and press with 6 and 3 N."""
+
+    def now(t: float) -> list[Thing]:
+        gap = float(np.interp(t, [0.5, 1.2], [height, 0.0]))
+        press = float(np.interp(t, [1.5, 2.5], [0.0, 1.0]))
+        return [
+            Thing((-10 * MM, 5 * MM), gap, 6.0 * press),
+            Thing((10 * MM, 5 * MM), gap, 3.0 * press),
+        ]
+
+    return now
+
+
+@pytest.mark.parametrize("height", [20e-3, 60e-3])
+def test_two_that_come_down_together_and_press_stay_apart(height, seen_under) -> None:
+    """They look like one from above; from 60 mm they are part of the baselines already."""
+    tracks = seen_under(both_at_once(height)).tracks
+    places = places_of(tracks, 290)
+    assert len(places) == 2
+    found = np.array(sorted(map(tuple, places.values())))
+    np.testing.assert_allclose(found, [[-10, 5], [10, 5]], atol=1.0)
+    (pressed,) = np.nonzero(np.asarray(tracks.touching[290]))
+    sigma = 1e3 * np.asarray(tracks.place_sigma_m[290])[pressed]
+    assert np.all(sigma > 0.1) and np.all(sigma < 1.5)
+
+
+def test_a_firm_touch_that_slides_is_followed(seen_under) -> None:
+    def sliding(t: float) -> list[Thing]:
+        press = pressed((0.0, 0.0), 0.3, 4.0)(t)
+        way = float(np.interp(t, [1.05, 1.45], [0.0, 12.0])) * MM
+        return [Thing((-6 * MM + way, 6 * MM), each.distance, each.force) for each in press]
+
+    tracks = seen_under(sliding).tracks
+    for k, x in ((100, -6.0), (149, 6.0)):
+        ((_, place),) = places_of(tracks, k).items()
+        np.testing.assert_allclose(place, [x, 6.0], atol=1.5)
 
 
 def test_the_spread_of_a_place_is_that_of_its_noise(model) -> None:
