@@ -262,10 +262,11 @@ def _afresh(image: ImageCost, rule: Splitting, z, guess: Guess, lifted, new):
     followed = jnp.sum(guess.there)
     needed = rule.lift_sigma**2
 
-    def further(carry, _):
-        z, cost, guess = carry
+    def further(carry):
+        z, cost, guess, _ = carry
         worth = jnp.where(jnp.sum(guess.there) < followed, needed, rule.worth_sigma**2)
-        return _extend(alone, rule, z, cost, guess, worth)[:3], None
+        z, cost, guess, new = _extend(alone, rule, z, cost, guess, worth)
+        return z, cost, guess, new.any() & ~guess.there.all()
 
     def price(z, guess):
         count = jnp.sum(guess.there)
@@ -274,8 +275,8 @@ def _afresh(image: ImageCost, rule: Splitting, z, guess: Guess, lifted, new):
 
     none = jnp.zeros_like(z).at[:, :2].set(known.place_m / image.model.pitch_m)
     nobody = Guess(known.there, known.contact, known.held, known.there, known.there)
-    start = (none, alone.cost(none, nobody), nobody)
-    (z_alone, _, guess_alone), _ = jax.lax.scan(further, start, None, length=len(z))
+    start = (none, alone.cost(none, nobody), nobody, jnp.ones((), bool))
+    z_alone, _, guess_alone, _ = jax.lax.while_loop(lambda carry: carry[3], further, start)
     there = guess_alone.there
     shielded = jnp.sum(jnp.where(before.there, jnp.where(before.contact, before.held, before.strength), 0.0))
     taken = (
