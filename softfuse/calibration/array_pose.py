@@ -1,10 +1,11 @@
 """Fitting the pose of an electrode array to presses of known place (`sensing.array_pose`).
 
 To first order a contact at x is placed at l, x − l = c + α (−l_y, l_x) + (ε_x l_x, ε_y l_y), with normal
-priors of the shift c, the turn α and the stretches ε. What then is left has the spread that the fit of the
-peak promises times a factor f, is alike in the samples of one press (ρ, as in `discrepancy`), and lets go of
-a press that nothing explains (`robust`). f is the one that makes the locations likeliest, under a normal
-prior of ln f.
+priors of the shift c, the turn α and the stretches ε. What then is left has the variance f² σ² + κ² d²,
+with the σ that the fit of the peak promises and the depth d of the dent; it is alike in the samples of one
+press (ρ, as in `discrepancy`), and lets go of a press that nothing explains (`robust`). A few presses hardly
+tell f and κ: f² and κ² are their means over what the locations leave open of them, under normal priors of
+ln f and of κ ≥ 0.
 """
 
 from dataclasses import dataclass
@@ -12,12 +13,12 @@ from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.optimize import minimize_scalar
 
 from softfuse.calibration.adjustment import Measure
 from softfuse.calibration.discrepancy import alike_in_press
 from softfuse.calibration.posterior import AbstractPosterior
 from softfuse.calibration.robust import Explained, Linear, explained
+from softfuse.errors import SoftfuseError
 from softfuse.estimation.model_error import whitening
 
 _ALIKE = 0.8
@@ -25,19 +26,26 @@ _ALIKE = 0.8
 likeliest.
 """
 
-_FACTORS = (0.2, 10.0)
-"""Between which f is searched."""
+_LN_FACTORS = np.log(np.geomspace(0.2, 10.0, 17))
+"""ln f over which its variance is averaged."""
+
+_PARTS = np.append(0.0, np.geomspace(0.005, 0.5, 13))
+"""κ over which its variance is averaged."""
+
+_WIDTHS = np.gradient(_PARTS)
+"""How much of κ each of them stands for."""
 
 
 @dataclass(frozen=True, eq=False)
 class Located:
     """s samples of presses at places (s, 2) m, where the array placed them (s, 2) m, with which standard
-    deviations (s, 2) m, and the number of the press (s,) each belongs to.
+    deviations (s, 2) m, how deep their dents are (s,) m, and the number of the press (s,) each belongs to.
     """
 
     place_m: Float[np.ndarray, "s 2"]
     location_m: Float[np.ndarray, "s 2"]
     sigma_m: Float[np.ndarray, "s 2"]
+    dent_m: Float[np.ndarray, " s"]
     press: Int[np.ndarray, " s"]
 
     @property
@@ -57,12 +65,13 @@ def pose_slopes(location_m: Float[np.ndarray, "s 2"]) -> Float[np.ndarray, "s 2 
 
 @dataclass(frozen=True)
 class PosePrior:
-    """Standard deviations of the shift [m], the turn [rad], the stretches [-], and of ln f."""
+    """Standard deviations of the shift [m], the turn [rad], the stretches [-], of ln f, and of κ [-]."""
 
     shift_m: float
     turn: float
     stretch: float
     ln_factor: float
+    dent_part: float
 
     @property
     def sigma(self) -> Float[np.ndarray, "5"]:
@@ -74,8 +83,8 @@ class PosePrior:
 @dataclass(frozen=True, eq=False)
 class PoseFit(AbstractPosterior):
     """Shift along x and y [m], turn [rad] and ln of the stretches along x and y: `value` (5,), `covariance`
-    (5, 5), `prior_sigma` (5,); `factor` f [-], with what is not known of these; `before_m`, `after_m`
-    (s, 2): place minus location, as configured and as fitted.
+    (5, 5), `prior_sigma` (5,); `factor` f [-], with what is not known of these; `dent_part` κ [-];
+    `before_m`, `after_m` (s, 2): place minus location, as configured and as fitted.
     """
 
     names: ClassVar[tuple[str, ...]] = (
@@ -97,6 +106,7 @@ class PoseFit(AbstractPosterior):
     covariance: Float[np.ndarray, "5 5"]
     prior_sigma: Float[np.ndarray, "5"]
     factor: float
+    dent_part: float
     before_m: Float[np.ndarray, "s 2"]
     after_m: Float[np.ndarray, "s 2"]
 
@@ -107,14 +117,24 @@ def fit_pose(located: Located, prior: PosePrior, area_m: Float[np.ndarray, "a 2"
     """
     sigma = prior.sigma
 
-    def evidence(ln: float) -> float:
-        found, ln_det = _explained(located, float(np.exp(ln)), sigma)
-        return found.ln_evidence - 0.5 * ln_det - 0.5 * (ln / prior.ln_factor) ** 2
+    ln_factors, parts = np.meshgrid(_LN_FACTORS, _PARTS, indexing="ij")
 
-    ends = (float(np.log(_FACTORS[0])), float(np.log(_FACTORS[1])))
-    best = minimize_scalar(lambda ln: -evidence(ln), bounds=ends, method="bounded", options={"xatol": 1e-3})
-    factor = float(np.exp(best.x))
-    found, _ = _explained(located, factor, sigma)
+    def likely(ln_factor: float, part: float) -> float:
+        try:
+            found, ln_det = _explained(located, float(np.exp(ln_factor)), part, sigma)
+        except SoftfuseError:
+            # With so small a spread all presses are given up.
+            return -np.inf
+        unlikely = (ln_factor / prior.ln_factor) ** 2 + (part / max(prior.dent_part, 1e-12)) ** 2
+        return found.ln_evidence - 0.5 * (ln_det + unlikely)
+
+    evidence = np.vectorize(likely)(ln_factors, parts) + np.log(_WIDTHS)
+    weight = np.exp(evidence - evidence.max())
+    factor, part = (
+        float(np.sqrt(np.sum(weight * square) / np.sum(weight)))
+        for square in (np.exp(2 * ln_factors), parts**2)
+    )
+    found, _ = _explained(located, factor, part, sigma)
     value = found.z * sigma
     covariance = np.linalg.inv(found.information) * np.outer(sigma, sigma)
     slopes = pose_slopes(area_m)
@@ -125,20 +145,23 @@ def fit_pose(located: Located, prior: PosePrior, area_m: Float[np.ndarray, "a 2"
         covariance,
         sigma,
         float(np.sqrt(factor**2 + unknown / np.mean(located.sigma_m**2))),
+        part,
         before,
         before - located.slope @ value,
     )
 
 
-def _explained(located: Located, factor: float, prior: Float[np.ndarray, "5"]) -> tuple[Explained, float]:
-    """The likeliest parameters, in prior standard deviations, with a factor, and ln det of the covariance."""
+def _explained(
+    located: Located, factor: float, part: float, prior: Float[np.ndarray, "5"]
+) -> tuple[Explained, float]:
+    """The likeliest parameters, in prior standard deviations, with f and κ, and ln det of the covariance."""
     _, press = np.unique(located.press, return_inverse=True)
     count = len(press)
     alike = alike_in_press(press, _ALIKE)
     left, slope, ln_det = [], [], 0.0
     away = located.place_m - located.location_m
     for axis in range(2):
-        spread = factor * located.sigma_m[:, axis]
+        spread = np.hypot(factor * located.sigma_m[:, axis], part * located.dent_m)
         white = whitening(alike * np.outer(spread, spread), np.ones(count, bool))
         left.append(white @ away[:, axis])
         slope.append(white @ (located.slope[:, axis] * prior))

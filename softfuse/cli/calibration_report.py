@@ -185,7 +185,7 @@ def _spreading(pose: PoseFit) -> str:
     before, after = (1e3 * _rms(np.linalg.norm(each, axis=1)) for each in (pose.before_m, pose.after_m))
     return (
         f"locations off by {before:.3f} mm before, {after:.3f} after; they spread {pose.factor:.2f} times as "
-        "wide as their fits promise"
+        f"wide as their fits promise, and by {100 * pose.dent_part:.2g} % of the depth of the dent besides"
     )
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool
 
@@ -120,7 +121,7 @@ class PadCalibration(AbstractCalibration):
     def _electrodes(self, felt: Felt, further: Applied) -> Electrodes:
         if not self._crossed:
             return Electrodes()
-        located, pose = _located(felt), None
+        located, pose = self._located(felt), None
         if located is not None:
             pose = fit_pose(located, build_pose_prior(self.settings), further.place[:, 0, :2])
         counts, away = list[np.ndarray](), list[np.ndarray]()
@@ -129,6 +130,24 @@ class PadCalibration(AbstractCalibration):
             details = (each.details for each in sensed)
             away.append(np.array([seen.electrode_valid & ~(seen.near | seen.felt) for seen in details]))
         return Electrodes(pose, self.gains, untouched(np.concatenate(counts), np.concatenate(away)))
+
+    def _located(self, felt: Felt) -> Located | None:
+        """Where crossed electrodes place the samples that they feel; None when they feel none."""
+        on, applied, senses = _felt_at(felt), felt.presses.applied, self.senses()
+        if not on.any():
+            return None
+        assert isinstance(senses, PadSenses)  # they have lines
+        location = np.array([np.asarray(each.location_m)[0, :2] for each in felt.sensed])[on]
+        seen = [each.details for each, felt_it in zip(felt.sensed, on, strict=True) if felt_it]
+        dent = np.array([each.dent_m(senses.sensors.peak.radius_m) for each in seen])
+        promised = [
+            senses.pose.spread(
+                each.location_covariance_m2 / each.location_widening, jnp.ones(()), jnp.zeros(())
+            )
+            for each in seen
+        ]
+        sigma = np.sqrt(np.diagonal(np.array(promised), axis1=1, axis2=2))
+        return Located(applied.place[on, 0, :2], location, sigma, dent, applied.press[on])
 
     @property
     def _crossed(self) -> bool:
@@ -145,9 +164,13 @@ class PadCalibration(AbstractCalibration):
         return np.zeros((samples, len(self.settings.cables)))
 
     def _grid(self, applied: Applied) -> Grid:
-        assert isinstance(self.settings.contact, DiscSettings)  # as a pad is pressed by discs
-        area = self.settings.contact.workspace
+        area = self._disc.workspace
         return Grid.over(area.x, area.y, float(applied.force_N.max()))
+
+    @property
+    def _disc(self) -> DiscSettings:
+        assert isinstance(self.settings.contact, DiscSettings)  # as a pad is pressed by discs
+        return self.settings.contact
 
 
 def _felt_at(felt: Felt) -> Bool[np.ndarray, " s"]:
@@ -157,16 +180,6 @@ def _felt_at(felt: Felt) -> Bool[np.ndarray, " s"]:
         for each in felt.sensed
     ]
     return np.array(known)
-
-
-def _located(felt: Felt) -> Located | None:
-    """Where crossed electrodes place the samples that they feel; None when they feel none."""
-    on, applied = _felt_at(felt), felt.presses.applied
-    if not on.any():
-        return None
-    location = np.array([np.asarray(each.location_m)[0, :2] for each in felt.sensed])
-    sigma = np.array([np.asarray(each.location_sigma_m)[0] for each in felt.sensed])
-    return Located(applied.place[on, 0, :2], location[on], sigma[on], applied.press[on])
 
 
 def _signals(felt: Felt) -> LineSignals | None:

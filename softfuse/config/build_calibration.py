@@ -165,7 +165,7 @@ def calibrated_edits(
 def build_pose_prior(config: DeviceConfig) -> PosePrior:
     """In which tolerance [calibration] says that the electrodes lie on the body."""
     may = config.calibration
-    return PosePrior(may.array_shift, may.array_turn, may.array_stretch, may.array_sigma)
+    return PosePrior(may.array_shift, may.array_turn, may.array_stretch, may.array_sigma, may.array_dent)
 
 
 def pose_edits(config: DeviceConfig, pose: PoseFit | None) -> Edits:
@@ -180,6 +180,7 @@ def pose_edits(config: DeviceConfig, pose: PoseFit | None) -> Edits:
         (*key, "turn"): f"{np.rad2deg(was.turn + turn):.6g} deg",
         (*key, "stretch"): [_rounded(each) for each in np.multiply(was.stretch, np.exp(stretch))],
         (*key, "sigma_factor"): _rounded(was.sigma_factor * pose.factor),
+        (*key, "dent_part"): _rounded(pose.dent_part),
     }
 
 

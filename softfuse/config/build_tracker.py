@@ -53,7 +53,11 @@ def _pose(config: DeviceConfig) -> ArrayPose:
     assert config.sensors is not None
     pose = config.sensors.capacitive.pose
     return ArrayPose(
-        jnp.array(pose.shift), jnp.asarray(pose.turn), jnp.array(pose.stretch), jnp.asarray(pose.sigma_factor)
+        jnp.array(pose.shift),
+        jnp.asarray(pose.turn),
+        jnp.array(pose.stretch),
+        jnp.asarray(pose.sigma_factor),
+        jnp.asarray(pose.dent_part),
     )
 
 

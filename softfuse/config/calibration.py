@@ -18,8 +18,8 @@ class CalibrationSettings(Settings):
     is; cable_zero: of each measured length in m; cable_compliance, dead_volume: ln of those of each cable and
     of each cavity's tube;
     array_shift, array_turn, array_stretch: of the electrodes on the body, in m, rad and as a part;
-    array_sigma: ln of how much wider locations spread than their fits promise; electrode_gain: ln of the
-    gain of each line, at most.
+    array_sigma: ln of how much wider locations spread than their fits promise; array_dent: by which part of
+    a dent's depth they spread besides; electrode_gain: ln of the gain of each line, at most.
 
     A stiffness field is left out by default: five presses of the reference pad narrow 0.05 to 0.04 at best,
     and with 0.1 or more it follows what else the model misses there, so that other presses are told worse.
@@ -42,4 +42,5 @@ class CalibrationSettings(Settings):
     array_turn: Annotated[Angle, Ge(0)] = 0.02
     array_stretch: Annotated[Number, Ge(0)] = 0.01
     array_sigma: PositiveNumber = 0.5
+    array_dent: Annotated[Number, Ge(0)] = 0.1
     electrode_gain: Annotated[Number, Ge(0)] = 0.0

@@ -128,13 +128,14 @@ class PoseSettings(Settings):
     """Where the array lies on the body, see `sensing.array_pose`.
 
     shift in m along x and y, turn in rad, stretch along x and y; sigma_factor: by how much locations spread
-    wider than the fit of a peak promises.
+    wider than the fit of a peak promises; dent_part: by which part of a dent's depth they do besides.
     """
 
     shift: tuple[Length, Length] = (0.0, 0.0)
     turn: Angle = 0.0
     stretch: tuple[PositiveNumber, PositiveNumber] = (1.0, 1.0)
     sigma_factor: PositiveNumber = 1.0
+    dent_part: Annotated[Number, Ge(0)] = 0.0
 
 
 class CapacitiveSettings(Settings):

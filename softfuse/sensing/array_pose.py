@@ -6,7 +6,8 @@ A contact that the array places at l, in the coordinates it is drawn in, is on t
 
 with a shift c, a turn α about the direction that the array is seen from, and a stretch D = diag(d_x, d_y).
 Its covariance is turned and stretched alike, and times the square of a factor: how much wider locations
-spread than the fit of a peak promises.
+spread than the fit of a peak promises. The fit takes the array for flat: a dent tilts what lies around it,
+and locations spread by a part of its depth besides.
 """
 
 import equinox as eqx
@@ -15,19 +16,20 @@ from jaxtyping import Array, Float
 
 
 class ArrayPose(eqx.Module):
-    """Shift c (2,) [m], turn α [rad], stretch d (2,) [-], and the factor on standard deviations [-]; all
-    fields are leaves.
+    """Shift c (2,) [m], turn α [rad], stretch d (2,) [-], the factor on standard deviations [-], and the
+    part of a dent's depth by which locations spread besides [-]; all fields are leaves.
     """
 
     shift_m: Float[Array, "2"]
     turn: Float[Array, ""]
     stretch: Float[Array, "2"]
     sigma_factor: Float[Array, ""]
+    dent_part: Float[Array, ""]
 
     @classmethod
     def as_drawn(cls) -> "ArrayPose":
         """In its place, with the spread that the fit promises."""
-        return cls(jnp.zeros(2), jnp.zeros(()), jnp.ones(2), jnp.ones(()))
+        return cls(jnp.zeros(2), jnp.zeros(()), jnp.ones(2), jnp.ones(()), jnp.zeros(()))
 
     def on_body(self, location_m: Float[Array, "2"]) -> Float[Array, "2"]:
         """Where on the body (2,) m a place in the array's coordinates (2,) m is."""
@@ -37,9 +39,18 @@ class ArrayPose(eqx.Module):
         """Where in the array's coordinates (2,) m a place on the body (2,) m is."""
         return jnp.linalg.solve(self._turned, place_m - self.shift_m)
 
-    def spread(self, covariance_m2: Float[Array, "2 2"]) -> Float[Array, "2 2"]:
-        """Covariance (2, 2) m² on the body of a location with one (2, 2) m² in the array's coordinates."""
-        return self.sigma_factor**2 * self._turned @ covariance_m2 @ self._turned.T
+    def spread(
+        self, covariance_m2: Float[Array, "2 2"], widening: Float[Array, ""], dent_m: Float[Array, ""]
+    ) -> Float[Array, "2 2"]:
+        """Covariance (2, 2) m² on the body of a location.
+
+        Args: covariance_m2 (2, 2) in the array's coordinates [m²], which a misfit has made larger by
+        widening >= 1 [-]; dent_m, depth of the dent [m]. Where a dent explains the misfit, it counts once.
+        """
+        flat = self.sigma_factor**2 * self._turned @ (covariance_m2 / widening) @ self._turned.T
+        dented = (self.dent_part * dent_m) ** 2
+        misfit = (widening - 1.0) * jnp.trace(flat) > 2.0 * dented
+        return jnp.where(misfit, widening * flat, flat + dented * jnp.eye(2))
 
     @property
     def _turned(self) -> Float[Array, "2 2"]:

@@ -112,6 +112,8 @@ class PadMeasurement(eqx.Module):
     """(2,) x, y of the contact [m]; the array's middle while nothing is near."""
     location_covariance_m2: Float[Array, "2 2"]
     """(2, 2) its covariance [m^2]; as wide as the array while nothing is near."""
+    location_widening: Float[Array, ""]
+    """By how much, at least 1, the peak's misfit makes that larger [-]."""
     location_valid: Bool[Array, ""]
     """The fit ended on the array (at most half a pitch beyond the outermost lines) and is certain enough."""
     weighted_mean_m: Float[Array, "2"]
@@ -124,6 +126,11 @@ class PadMeasurement(eqx.Module):
     """(r + c,) electrodes that took part."""
     image: Float[Array, "c r"]
     """(c, r) image s_col (x) s_row, first index along x [counts^2]."""
+
+    def dent_m(self, radius_m: Float[Array, ""]) -> Float[Array, ""]:
+        """Depth [m] of a dent of that radius [m] that holds the volume squeezed out of the cavities."""
+        squeezed = -jnp.sum(jnp.where(self.volume_valid, self.volume_change_m3, 0.0))
+        return jnp.maximum(squeezed, 0.0) / (jnp.pi * radius_m**2)
 
 
 def pad_sensor_init(sensors: PadSensors) -> PadSensorState:
@@ -179,7 +186,7 @@ def pad_sensor_update(
     flow_state, flow = flow_update(sensors.flow, flowed, dt, flow_V, touching)
     # An electrode found lying stays out until nothing is near.
     trusted = reading.valid & ~state.lying
-    peak, (location, covariance, residual, honest, located) = _locate(
+    peak, (location, covariance, widening, residual, honest, located) = _locate(
         sensors.peak, state.peak, reading.signal_counts, trusted, touch.near
     )
     lying = touch.near & (state.lying | (trusted & ~honest))
@@ -209,6 +216,7 @@ def pad_sensor_update(
         felt=felt.felt,
         location_m=location,
         location_covariance_m2=covariance,
+        location_widening=widening,
         location_valid=located,
         weighted_mean_m=weighted_mean_location(
             sensors.peak.row_y_m, sensors.peak.column_x_m, reading.signal_counts, honest
@@ -227,8 +235,8 @@ def _locate(
     valid: Bool[Array, " e"],
     near: Bool[Array, ""],
 ):
-    """The track, and location, covariance, residual, honest electrodes, whether to believe; no fit while
-    nothing is near.
+    """The track, and location, covariance, its widening, residual, honest electrodes, whether to believe;
+    no fit while nothing is near.
     """
     low = jnp.stack([peak.column_x_m[0], peak.row_y_m[0]])
     high = jnp.stack([peak.column_x_m[-1], peak.row_y_m[-1]])
@@ -243,10 +251,11 @@ def _locate(
         certain = jnp.all(jnp.diagonal(fit.covariance_m2) < half_pitch**2)
         finite = jnp.all(jnp.isfinite(fit.location_m))
         located = inside & certain & finite
-        return later, (fit.location_m, fit.covariance_m2, fit.residual_counts, honest, located)
+        return later, (fit.location_m, fit.covariance_m2, fit.widening, fit.residual_counts, honest, located)
 
     def absent():
-        nowhere = middle, unknown, jnp.zeros_like(middle[0]), valid, jnp.asarray(False)
+        none = jnp.zeros_like(middle[0])
+        nowhere = middle, unknown, none + 1.0, none, valid, jnp.asarray(False)
         return no_peak(peak), nowhere
 
     return jax.lax.cond(near, fitted, absent)

@@ -80,7 +80,9 @@ class PadSenses(AbstractSenses):
             Status.volume_unknown: ((located & inside) | seen.felt) & ~known,
         }
         place = jnp.append(location, 0.0)
-        deviation = jnp.sqrt(jnp.diagonal(self.pose.spread(seen.location_covariance_m2)))
+        dent = seen.dent_m(self.sensors.peak.radius_m)
+        spread = self.pose.spread(seen.location_covariance_m2, seen.location_widening, dent)
+        deviation = jnp.sqrt(jnp.diagonal(spread))
         anywhere = (high - low) / jnp.sqrt(12.0)
         return state, Sensed(
             reading=seen.volume_change_m3,

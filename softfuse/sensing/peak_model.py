@@ -84,6 +84,8 @@ class PeakFit(eqx.Module):
     """(2, 2) covariance of the location from noise, model misfit and priors [m^2]."""
     noise_covariance_m2: Float[Array, "2 2"]
     """(2, 2) covariance of the location from the counts' noise alone [m^2]: its scatter between frames."""
+    widening: Float[Array, ""]
+    """By how much, at least 1, the misfit makes the covariance larger (Birge's ratio) [-]."""
     gap_m: Float[Array, ""]
     """Gap beyond the nominal depth [m]."""
     residual_counts: Float[Array, ""]
@@ -368,13 +370,14 @@ def peak_found(model: PeakModel, evidence: Evidence, found: Minimum) -> PeakFit:
     inverse = jnp.linalg.inv(evidence.information(jacobian)) * scale[:, None] * scale[None, :]
     gain = (inverse[:2] / scale) @ jacobian.T * (model.noise_counts / evidence.sigma)
     count = jnp.sum(evidence.weight > 0.0)
-    # A misfit beyond the expected one widens the covariance in proportion (Birge's ratio).
-    inverse = inverse * jnp.maximum(1.0, found.cost / jnp.maximum(count - UNKNOWNS, 1))
+    # A misfit beyond the expected one widens the covariance in proportion.
+    widening = jnp.maximum(1.0, found.cost / jnp.maximum(count - UNKNOWNS, 1))
     mean_square = jnp.sum(found.residual**2) / jnp.maximum(count, 1)
     return PeakFit(
         unknowns=p,
-        covariance_m2=inverse[:2, :2],
+        covariance_m2=widening * inverse[:2, :2],
         noise_covariance_m2=gain @ gain.T,
+        widening=widening,
         gap_m=jnp.maximum(p[7], (LEAST_DEPTH - 1.0) * model.column_depth_m),
         residual_counts=jnp.sqrt(mean_square) * evidence.sigma,
         chi_squared=found.cost,

@@ -1,27 +1,44 @@
 """The pose of an electrode array, fitted to places that are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from softfuse.calibration.array_pose import Located, PoseFit, PosePrior, fit_pose
 from softfuse.sensing.array_pose import ArrayPose
 
-PRIOR = PosePrior(0.5e-3, 0.02, 0.01, 0.5)
+PRIOR = PosePrior(0.5e-3, 0.02, 0.01, 0.5, 0.1)
 AREA = 1e-3 * np.array([(x, y) for x in (-28.0, 0.0, 28.0) for y in (-28.0, 0.0, 28.0)])
 POSE = np.array([0.3e-3, -0.2e-3, 0.01, 0.004, -0.006])
 SIGMA = 0.05e-3
 
 
-def pressed(rng: np.random.Generator, presses: int, spread: float) -> Located:
-    """Three samples a press, alike, off by `spread` of what is promised."""
+DENT = 1e-3 * np.array([0.5, 1.5, 3.0])
+
+
+def pressed(rng: np.random.Generator, presses: int, spread: float, part: float = 0.0) -> Located:
+    """Three samples a press, alike, off by `spread` of what is promised, and by a part of their dents."""
     location = np.repeat(rng.uniform(-0.028, 0.028, (presses, 2)), 3, axis=0)
     shift, turn, stretch = POSE[:2], POSE[2], np.exp(POSE[3:])
-    pose = ArrayPose(shift, np.asarray(turn), stretch, np.ones(()))
+    pose = ArrayPose(shift, np.asarray(turn), stretch, np.ones(()), np.zeros(()))
     true = np.array([pose.on_body(each) for each in location])
     alike = np.repeat(rng.normal(size=(presses, 2)), 3, axis=0)
     own = rng.normal(size=location.shape)
-    off = spread * SIGMA * (np.sqrt(0.8) * alike + np.sqrt(0.2) * own)
-    return Located(true + off, location, np.full(location.shape, SIGMA), np.repeat(np.arange(presses), 3))
+    dent = np.tile(DENT, presses)
+    off = np.hypot(spread * SIGMA, part * dent)[:, None] * (np.sqrt(0.8) * alike + np.sqrt(0.2) * own)
+    sigma, press = np.full(location.shape, SIGMA), np.repeat(np.arange(presses), 3)
+    return Located(true + off, location, sigma, dent, press)
+
+
+def test_a_spread_that_grows_with_dents_is_told_from_one_that_does_not() -> None:
+    rng = np.random.default_rng(6)
+    flat, dented = (
+        [fit_pose(pressed(rng, 12, 1.0, part), PRIOR, AREA).dent_part for _ in range(20)]
+        for part in (0.0, 0.1)
+    )
+    assert np.median(flat) < 0.01
+    assert 0.07 < np.median(dented) < 0.13
 
 
 def test_a_pose_is_found_within_its_interval_and_so_is_the_spread() -> None:
@@ -54,20 +71,30 @@ def test_what_nothing_explains_lets_go() -> None:
     rng = np.random.default_rng(4)
     located = pressed(rng, 10, 0.5)
     wrong = located.place_m + np.where(located.press == 3, 3e-3, 0.0)[:, None]
-    found = fit_pose(Located(wrong, located.location_m, located.sigma_m, located.press), PRIOR, AREA)
+    found = fit_pose(replace(located, place_m=wrong), PRIOR, AREA)
     assert np.abs(found.value[:2] - POSE[:2]).max() < 0.15e-3
 
 
 def test_priors_of_0_leave_the_array_where_it_is_drawn() -> None:
-    found = fit_pose(pressed(np.random.default_rng(5), 6, 1.0), PosePrior(0.0, 0.0, 0.0, 0.5), AREA)
+    found = fit_pose(pressed(np.random.default_rng(5), 6, 1.0), PosePrior(0.0, 0.0, 0.0, 0.5, 0.0), AREA)
     assert isinstance(found, PoseFit) and np.abs(found.value).max() < 1e-9
     np.testing.assert_allclose(found.after_m, found.before_m, atol=1e-9)
     assert found.factor > 3.0
 
 
 def test_a_pose_turns_and_stretches_places_and_their_spread() -> None:
-    pose = ArrayPose(np.array([1e-3, 2e-3]), np.asarray(np.pi / 2), np.array([1.1, 0.9]), np.asarray(2.0))
+    pose = ArrayPose(
+        np.array([1e-3, 2e-3]), np.asarray(np.pi / 2), np.array([1.1, 0.9]), np.asarray(2.0), np.asarray(0.1)
+    )
     np.testing.assert_allclose(pose.on_body(np.array([0.01, 0.02])), [1e-3 - 0.018, 2e-3 + 0.011], atol=1e-12)
-    np.testing.assert_allclose(pose.spread(np.diag([1.0, 4.0])), 4 * np.diag([0.81 * 4, 1.21]), atol=1e-12)
+    promised = 4 * np.diag([0.81 * 4, 1.21])
+    for widening, dent, spread in (
+        (1.0, 0.0, promised),
+        (1.0, 3.0, promised + 0.01 * 9.0 * np.eye(2)),
+        (5.0, 3.0, 5.0 * promised),
+        (5.0, 100.0, promised + 100.0 * np.eye(2)),
+    ):
+        found = pose.spread(widening * np.diag([1.0, 4.0]), np.asarray(widening), np.asarray(dent))
+        np.testing.assert_allclose(found, spread, atol=1e-12)
     drawn = ArrayPose.as_drawn()
     assert drawn.on_body(np.array([0.01, -0.02])) == pytest.approx([0.01, -0.02])
