@@ -32,7 +32,7 @@ _LN_FACTORS = np.log(np.geomspace(0.2, 10.0, 17))
 _PARTS = np.append(0.0, np.geomspace(0.005, 0.5, 13))
 """κ over which its variance is averaged."""
 
-_WIDTHS = np.gradient(_PARTS)
+_WIDTHS = np.gradient(_PARTS) * np.where(np.isin(_PARTS, _PARTS[[0, -1]]), 0.5, 1.0)
 """How much of κ each of them stands for."""
 
 
@@ -114,6 +114,8 @@ class PoseFit(AbstractPosterior):
 def fit_pose(located: Located, prior: PosePrior, area_m: Float[np.ndarray, "a 2"]) -> PoseFit:
     """The pose that presses tell; area (a, 2) m: places over which what is not known of it is averaged into
     the factor.
+
+    Raises SoftfuseError when nothing explains the presses.
     """
     sigma = prior.sigma
 
@@ -123,12 +125,17 @@ def fit_pose(located: Located, prior: PosePrior, area_m: Float[np.ndarray, "a 2"
         try:
             found, ln_det = _explained(located, float(np.exp(ln_factor)), part, sigma)
         except SoftfuseError:
-            # With so small a spread all presses are given up.
+            # Where hardly a press fits into so small a spread, the search for what fits need not end.
             return -np.inf
         unlikely = (ln_factor / prior.ln_factor) ** 2 + (part / max(prior.dent_part, 1e-12)) ** 2
         return found.ln_evidence - 0.5 * (ln_det + unlikely)
 
     evidence = np.vectorize(likely)(ln_factors, parts) + np.log(_WIDTHS)
+    if not np.isfinite(evidence).any():
+        raise SoftfuseError(
+            "no spread explains where the electrodes placed the presses: check the true places, and that the "
+            "electrodes' channels are in the order of their lines"
+        )
     weight = np.exp(evidence - evidence.max())
     factor, part = (
         float(np.sqrt(np.sum(weight * square) / np.sum(weight)))

@@ -5,7 +5,8 @@ much it takes, what cells show of each other, and how far they differ is read of
 on the surface (shielding 1, coupling 0), and pressing (shielding 1, coupling unknown). With weights 1/σ² and
 gains a that are not far from one,
 
-    min over t, R, contact_counts, χ, a, k_i of  Σ ((u_i − image_i) / σ_i)² + Σ ((a − 1) / σ_a)²,
+    min over t, R, contact_counts, χ, a, k_i of
+        Σ ((u_i − image_i) / σ_i)² + Σ ((a − 1) / σ_a)² + ((χ − χ₀) / σ_χ)²,
 
 u of `sensing.mutual_model`, σ_i² = noise² + (model error · peak_i)². What is left is the model's error where
 that is larger than the one given, which has to cover what was not tried: other fingers, hovering ones.
@@ -23,6 +24,7 @@ from softfuse.errors import SoftfuseError
 from softfuse.sensing.mutual_model import MutualModel, Sources, source_signals
 
 _GAIN_SIGMA = 0.1
+_CROSSTALK_SIGMA = 0.05
 _WIDEST = 4.0  # more than this factor depth and radius cannot be off what was drawn
 _ACCURACY = 1e-8
 
@@ -61,10 +63,11 @@ def fit_mutual_model(model: MutualModel, lying: KnownTouches, pressed: KnownTouc
         return fitted, source_signals(fitted, Sources(places, jnp.ones(rest + free), coupling)) - flat
 
     def residual(x):
-        return jnp.concatenate([(of(x)[1] / sigma).ravel(), (x[4 : 4 + cells] - 1) / _GAIN_SIGMA])
+        beforehand = (x[3] - model.crosstalk) / _CROSSTALK_SIGMA, *((x[4 : 4 + cells] - 1) / _GAIN_SIGMA)
+        return jnp.concatenate([(of(x)[1] / sigma).ravel(), jnp.stack(beforehand)])
 
     counts = np.log(_mean_peak(lying) / float(model.contact_counts))
-    start = jnp.concatenate([jnp.array([0.0, 0.0, counts, 0.0]), jnp.ones(cells + free)])
+    start = jnp.concatenate([jnp.array([0.0, 0.0, counts, model.crosstalk]), jnp.ones(cells + free)])
     found = optx.least_squares(
         lambda x, _: residual(x), optx.LevenbergMarquardt(_ACCURACY, _ACCURACY), start, throw=False
     )

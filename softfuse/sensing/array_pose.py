@@ -6,8 +6,8 @@ A contact that the array places at l, in the coordinates it is drawn in, is on t
 
 with a shift c, a turn α about the direction that the array is seen from, and a stretch D = diag(d_x, d_y).
 Its covariance is turned and stretched alike, and times the square of a factor: how much wider locations
-spread than the fit of a peak promises. The fit takes the array for flat: a dent tilts what lies around it,
-and locations spread by a part of its depth besides.
+spread than the fit of a peak promises, unless its misfit says more. The fit takes the array for flat: a dent
+tilts what lies around it, and locations spread by a part of its depth besides.
 """
 
 import equinox as eqx
@@ -45,12 +45,12 @@ class ArrayPose(eqx.Module):
         """Covariance (2, 2) m² on the body of a location.
 
         Args: covariance_m2 (2, 2) in the array's coordinates [m²], which a misfit has made larger by
-        widening >= 1 [-]; dent_m, depth of the dent [m]. Where a dent explains the misfit, it counts once.
+        widening >= 1 [-]; dent_m, depth of the dent [m]. Factor and dent are what made presses spread wider
+        than promised without the widening, so that the larger of both counts.
         """
-        flat = self.sigma_factor**2 * self._turned @ (covariance_m2 / widening) @ self._turned.T
-        dented = (self.dent_part * dent_m) ** 2
-        misfit = (widening - 1.0) * jnp.trace(flat) > 2.0 * dented
-        return jnp.where(misfit, widening * flat, flat + dented * jnp.eye(2))
+        misfit = self._turned @ covariance_m2 @ self._turned.T
+        spread = self.sigma_factor**2 * misfit / widening + (self.dent_part * dent_m) ** 2 * jnp.eye(2)
+        return jnp.where(jnp.trace(misfit) > jnp.trace(spread), misfit, spread)
 
     @property
     def _turned(self) -> Float[Array, "2 2"]:

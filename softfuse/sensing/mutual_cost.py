@@ -87,7 +87,7 @@ class ImageCost(eqx.Module):
     weight: Float[Array, " e"]
     """(c r,) inverse standard deviations [1/counts], 0 where invalid."""
     common: Float[Array, " e"]
-    """(c r,) direction of what is common to all cells, over √(1 − 1/√(1 + σ_b² Σ 1/σ²)) [-]."""
+    """(c r,) direction of what is common to all cells, times √(1 − 1/√(1 + σ_b² Σ 1/σ²)) [-]."""
 
     def whitened(self, counts: Float[Array, " e"]) -> Float[Array, " e"]:
         """Counts (c r,) over their standard deviations, less for what is common to all."""
@@ -223,6 +223,7 @@ def image_cost(
     length = jnp.sqrt(jnp.sum(weight**2))
     spread = known.common_sigma * length
     # R = diag σ² + σ_b² 1 1ᵀ has the square root of an inverse diag 1/σ − common commonᵀ diag 1/σ.
-    part = jnp.sqrt(1.0 - 1.0 / jnp.sqrt(1.0 + spread**2))
+    root = jnp.sqrt(1.0 + spread**2)
+    part = spread / jnp.sqrt(root * (root + 1.0))
     common = part * weight / jnp.where(length > 0, length, 1.0)
     return ImageCost(model, known, wander_m, flat, weight, common)

@@ -17,10 +17,11 @@ Two fingers on neighbouring cells leave no valley between them, so that no local
 But one finger is neither as wide nor as strong: a further source is tried where it explains most of what is
 left of the image (weighted least squares at places a quarter of a pitch apart), and instead of the source
 that fits worst, two of them side by side. It stays when it mends the cost by `worth_sigma`², lies
-`apart_pitches` from all others and is not weaker than `weakest` of its strongest neighbour. At most one is
-added in a frame. While nothing presses, an image tells everything by itself: then its sources are sought
-afresh in every frame, so that what was made of things far away, whose images are broad, does not stay. The
-cost is that of `mutual_cost`. Cells are split like a watershed: each belongs to the source that has the
+`apart_pitches` from all others and is not weaker than `weakest` of its strongest neighbour. To what is
+followed at most one is added in a frame. While nothing presses, an image tells everything by itself: then its
+sources are sought afresh too, and taken where they explain it better, so that what was made of things far
+away, whose images are broad, does not stay; not while they shield less than before, which may be coupling.
+The cost is that of `mutual_cost`. Cells are split like a watershed: each belongs to the source that has the
 largest part in it.
 """
 
@@ -38,7 +39,8 @@ _FINER = 4  # places tried per pitch
 _UNSEEN = 1e-6  # of the largest weight
 _HALF = 0.7  # of the strength of a source that becomes two
 _NEIGHBOURS = 2.0  # pitches
-_BETTER = 2.0  # by so much other sources must mend the cost, so that equals do not alternate
+_BETTER = 0.3  # by so much other sources must mend the cost, so that equals do not alternate
+_NEEDED = 3.0  # standard deviations: what mends the cost by less, squared, is not one of those followed
 _SIDES = np.array([[0.5, 0.0], [0.0, 0.5]])  # of a pitch
 
 
@@ -75,11 +77,11 @@ class MutualFit(eqx.Module):
     contact: Bool[Array, " n"]
     """(n,) fitted as a thing in contact."""
     lifted: Bool[Array, " n"]
-    """(n,) was in contact, but the image is that of a thing that hovers."""
+    """(n,) what was in contact here is not any more: the image is that of a thing that hovers."""
     slid: Bool[Array, " n"]
     """(n,) pressed, but not where it was set down."""
-    new: Bool[Array, " n"]
-    """(n,) was not known before."""
+    afresh: Bool[Array, ""]
+    """The image alone told all this."""
     label: Int[Array, "c r"]
     """(c, r) slot of the source to which a cell belongs, -1 for none."""
     common_counts: Float[Array, ""]
@@ -140,7 +142,8 @@ def no_fit(model: MutualModel, slots: int) -> MutualFit:
     return MutualFit(
         Sources(known.place_m, jnp.zeros(slots), jnp.zeros(slots)),
         jnp.broadcast_to(model.pitch_m, (slots, 2)),
-        *([known.there] * 5),
+        *([known.there] * 4),
+        afresh=jnp.zeros((), bool),
         label=jnp.full(lines, -1),
         common_counts=jnp.zeros(()),
         residual_counts=jnp.zeros(()),
@@ -185,14 +188,17 @@ def fit_sources(
     """All things in an image (c, r) of counts above the baseline, of which `valid` (c, r) take part."""
     image = image_cost(model, known, rule.wander_m, signal, valid)
     # How the minimum was found does not matter to its derivative: one step at it carries all of that.
-    frozen = jax.lax.stop_gradient(image)
+    alone = image_cost(model, nothing_known(model, len(known.there)), rule.wander_m, signal, valid)
+    frozen, free = jax.lax.stop_gradient((image, alone))
     z, cost, guess, lifted, slid = _follow(frozen, rule)
-    z, cost, guess, new = _extend(frozen, rule, z, cost, guess, rule.worth_sigma**2)
-    z, guess, lifted, new = jax.lax.cond(
+    z, _, guess, _ = _extend(frozen, rule, z, cost, guess, rule.worth_sigma**2)
+    z, guess, afresh = jax.lax.cond(
         known.there.any() & ~(known.pressed | known.close).any(),
-        lambda: _afresh(frozen, rule, z, guess, lifted, new),
-        lambda: (z, guess, lifted, new),
+        lambda: _afresh(free, rule, known, z, guess),
+        lambda: (z, guess, jnp.zeros((), bool)),
     )
+    image = jax.tree.map(lambda told, held: jnp.where(afresh, told, held), alone, image)
+    lifted = jnp.where(afresh, guess.there, lifted)
     matrix, gradient = image.normal_equations(z, guess)
     change = solve(jax.lax.stop_gradient(matrix), gradient, assume_a="pos").reshape(z.shape)
     z = z - (change - jax.lax.stop_gradient(change))
@@ -213,7 +219,7 @@ def fit_sources(
         contact=guess.contact & guess.there,
         lifted=lifted,
         slid=slid,
-        new=new,
+        afresh=afresh,
         label=jnp.where(strong, jnp.argmax(jnp.abs(signals), axis=0), -1).reshape(signal.shape),
         common_counts=image.common_counts(-misfit),
         residual_counts=jnp.sqrt(jnp.sum(misfit**2) / jnp.maximum(jnp.sum(valid), 1)),
@@ -221,46 +227,42 @@ def fit_sources(
 
 
 def _follow(image: ImageCost, rule: Splitting):
-    """The known sources; what presses is also tried as slid, each in contact as one that hovers."""
+    """The known sources; each in contact is also tried as one that hovers, each that presses as slid."""
     known = image.known
     slots = known.there.shape[0]
     contact = known.there & known.contact
-    # Row 0: as they were; row 1: slid from where they were set down; row 2 + j: source j hovers.
-    none = jnp.zeros((1, slots), bool)
-    hovers = jnp.concatenate([none, none, jnp.eye(slots, dtype=bool)]) & contact
-    stays = jnp.ones((slots + 2, 1), bool).at[1].set(False) & contact & known.pressed
+    # Row 0: as they were; row 1 + j: source j hovers; row 1 + slots + j: source j may be anywhere.
+    none, each = jnp.zeros((1, slots), bool), jnp.eye(slots, dtype=bool)
+    hovers = jnp.concatenate([none, each, none & each]) & contact
+    slides = jnp.concatenate([none, none & each, each]) & contact & known.pressed
+    stays = contact & known.pressed & ~slides
     net = jnp.maximum(known.held - known.strength, 0.0)
     strength = jnp.where(hovers, net, known.strength)
     at = jnp.where(stays[..., None], known.set_down_m, known.place_m) / image.model.pitch_m
-    guesses = jax.vmap(lambda over, on: Guess(known.there, contact & ~over, known.held, known.there, on))(
-        hovers, stays
-    )
+    guesses = jax.vmap(
+        lambda over, on, off: Guess(known.there, contact & ~over, known.held, known.there & ~off, on)
+    )(hovers, stays, slides)
     zs, costs = _minima(image, rule, jnp.concatenate([at, strength[..., None]], axis=-1), guesses)
     # To hover it must have shielded at all: what does not conduct ends by its strength.
-    gain = costs[0] - costs[2:]
+    gain, moved = costs[0] - costs[1 : 1 + slots], costs[0] - costs[1 + slots :]
     beyond = (zs[0, :, 2] > known.most) & (gain > 0)
     lifted = ((gain > rule.lift_sigma**2) & ~known.firm | beyond) & contact & (known.held > 0)
-    slid = (costs[0] - costs[1] > rule.slide_sigma**2) & stays[0]
-    best = jnp.where(slid.any(), 1, 0)
-    best = jnp.where(lifted.any(), 2 + jnp.argmin(jnp.where(lifted, costs[2:], jnp.inf)), best)
-    return zs[best], costs[best], jax.tree.map(lambda each: each[best], guesses), lifted, slid & (best == 1)
+    slid = (moved > rule.slide_sigma**2) & contact & known.pressed & ~lifted.any()
+    best = jnp.where(slid.any(), 1 + slots + jnp.argmax(jnp.where(slid, moved, -jnp.inf)), 0)
+    best = jnp.where(lifted.any(), 1 + jnp.argmin(jnp.where(lifted, costs[1 : 1 + slots], jnp.inf)), best)
+    guess = jax.tree.map(lambda of: of[best], guesses)
+    return zs[best], costs[best], guess, lifted, slides[best]
 
 
-def _afresh(image: ImageCost, rule: Splitting, z, guess: Guess, lifted, new):
+def _afresh(alone: ImageCost, rule: Splitting, before: Known, z, guess: Guess):
     """The sources of an image of which nothing is known, where they explain it better than those followed.
 
     What was made of things while they were further off, and their image broad, must not stay. That coupling
     hides no shielding is told by the image: all that shields together does not do so by less than it did.
     """
-    before = image.known
-    known = eqx.tree_at(
-        lambda k: (k.common_counts, k.common_sigma),
-        nothing_known(image.model, len(z)),
-        (before.common_counts, before.common_sigma),
-    )
-    alone = eqx.tree_at(lambda i: i.known, image, known)
+    known = alone.known
     followed = jnp.sum(guess.there)
-    needed = rule.lift_sigma**2
+    needed = _NEEDED**2
 
     def further(carry):
         z, cost, guess, _ = carry
@@ -269,11 +271,13 @@ def _afresh(image: ImageCost, rule: Splitting, z, guess: Guess, lifted, new):
         return z, cost, guess, new.any() & ~guess.there.all()
 
     def price(z, guess):
+        # Of the image alone: where something was expected has no say.
+        free = eqx.tree_at(lambda g: (g.expected, g.stays), guess, (known.there, known.there))
         count = jnp.sum(guess.there)
         further = jnp.maximum(count - followed, 0)
-        return alone.cost(z, guess) + needed * (count - further) + rule.worth_sigma**2 * further
+        return alone.cost(z, free) + needed * (count - further) + rule.worth_sigma**2 * further
 
-    none = jnp.zeros_like(z).at[:, :2].set(known.place_m / image.model.pitch_m)
+    none = jnp.zeros_like(z).at[:, :2].set(known.place_m / alone.model.pitch_m)
     nobody = Guess(known.there, known.contact, known.held, known.there, known.there)
     start = (none, alone.cost(none, nobody), nobody, jnp.ones((), bool))
     z_alone, _, guess_alone, _ = jax.lax.while_loop(lambda carry: carry[3], further, start)
@@ -286,7 +290,7 @@ def _afresh(image: ImageCost, rule: Splitting, z, guess: Guess, lifted, new):
     )
     # Which source is which track is told by their places alone.
     found = jax.tree.map(lambda after, now: jnp.where(taken, after, now), (z_alone, guess_alone), (z, guess))
-    return *found, jnp.where(taken, there, lifted), jnp.where(taken, there, new)
+    return *found, taken
 
 
 def _extend(image: ImageCost, rule: Splitting, z, cost, guess: Guess, worth: Float[Array, ""]):

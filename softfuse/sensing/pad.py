@@ -128,9 +128,12 @@ class PadMeasurement(eqx.Module):
     """(c, r) image s_col (x) s_row, first index along x [counts^2]."""
 
     def dent_m(self, radius_m: Float[Array, ""]) -> Float[Array, ""]:
-        """Depth [m] of a dent of that radius [m] that holds the volume squeezed out of the cavities."""
-        squeezed = -jnp.sum(jnp.where(self.volume_valid, self.volume_change_m3, 0.0))
-        return jnp.maximum(squeezed, 0.0) / (jnp.pi * radius_m**2)
+        """Depth [m] of a dent of that radius [m] that holds the volume squeezed out of the cavities; of one
+        whose flow was lost as much as of that which tells most.
+        """
+        told = jnp.where(self.volume_valid, -self.volume_change_m3, 0.0)
+        lost = jnp.sum(~self.volume_valid, axis=-1) * jnp.max(told, axis=-1)
+        return jnp.maximum(jnp.sum(told, axis=-1) + lost, 0.0) / (jnp.pi * radius_m**2)
 
 
 def pad_sensor_init(sensors: PadSensors) -> PadSensorState:

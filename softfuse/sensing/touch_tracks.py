@@ -32,6 +32,7 @@ MOST_TRACKS = 5
 
 _CLOSE = 0.8  # pitches
 _COASTING_S = 0.5
+_SLIP_M_S = 0.3e-3  # per root of a second: how far a thing that presses may have slipped unseen
 _STILL_M_S = 20e-3  # slower is rest: errors of places must not add up to a motion
 
 
@@ -78,7 +79,7 @@ class TouchTracks(eqx.Module):
     set_down_m: Float[Array, "n 2"]
     """(n, 2) where it was before it pressed [m]."""
     set_down_sigma_m: Float[Array, "n 2"]
-    """(n, 2) standard deviations of that [m]."""
+    """(n, 2) standard deviations of where it may be since [m]."""
     velocity_m_s: Float[Array, "n 2"]
     """(n, 2) its speed [m/s]."""
     touching: Bool[Array, " n"]
@@ -98,7 +99,7 @@ class TouchTracks(eqx.Module):
     touched_s: Float[Array, " n"]
     lost_s: Float[Array, " n"]
     common_counts: Float[Array, ""]
-    """What all baselines are off by alike, as the last image before a touch told it [counts]."""
+    """What all baselines are off by alike, as the last image told that had nothing pressed in it [counts]."""
     last_number: Int[Array, ""]
 
     @property
@@ -272,7 +273,7 @@ def follow_touches(
         place_m=place,
         place_sigma_m=sigma,
         set_down_m=jnp.where(anew, place, tracks.set_down_m),
-        set_down_sigma_m=jnp.where(anew, sigma, tracks.set_down_sigma_m),
+        set_down_sigma_m=jnp.where(anew, sigma, jnp.sqrt(tracks.set_down_sigma_m**2 + _SLIP_M_S**2 * step)),
         velocity_m_s=jnp.where(follows, kept * tracks.velocity_m_s + share * moved, jnp.zeros_like(moved)),
         touching=now,
         firm=firm ^ turn,
@@ -284,6 +285,6 @@ def follow_touches(
         firm_frames=jnp.where(turn, 0, firm_frames),
         touched_s=jnp.where(now, jnp.where(same, tracks.touched_s, 0.0) + dt_s, 0.0),
         lost_s=jnp.where(there, 0.0, jnp.where(remembered, tracks.lost_s + dt_s, jnp.inf)),
-        common_counts=jnp.where(tracks.touching.any(), tracks.common_counts, fit.common_counts),
+        common_counts=jnp.where(tracks.touching.any() & ~fit.afresh, tracks.common_counts, fit.common_counts),
         last_number=tracks.last_number + jnp.sum(born),
     )

@@ -91,7 +91,8 @@ def test_a_pose_turns_and_stretches_places_and_their_spread() -> None:
     for widening, dent, spread in (
         (1.0, 0.0, promised),
         (1.0, 3.0, promised + 0.01 * 9.0 * np.eye(2)),
-        (5.0, 3.0, 5.0 * promised),
+        (3.0, 0.0, promised),
+        (5.0, 3.0, 5.0 / 4.0 * promised),
         (5.0, 100.0, promised + 100.0 * np.eye(2)),
     ):
         found = pose.spread(widening * np.diag([1.0, 4.0]), np.asarray(widening), np.asarray(dent))

@@ -332,13 +332,14 @@ def both_at_once(height: float) -> Things:
 def test_two_that_come_down_together_and_press_stay_apart(height, seen_under) -> None:
     """They look like one from above; from 60 mm they are part of the baselines already."""
     tracks = seen_under(both_at_once(height)).tracks
-    places = places_of(tracks, 290)
-    assert len(places) == 2
-    found = np.array(sorted(map(tuple, places.values())))
-    np.testing.assert_allclose(found, [[-10, 5], [10, 5]], atol=1.0)
-    (pressed,) = np.nonzero(np.asarray(tracks.touching[290]))
-    sigma = 1e3 * np.asarray(tracks.place_sigma_m[290])[pressed]
-    assert np.all(sigma > 0.1) and np.all(sigma < 1.5)
+    for k in (150, 200, 250, 290):
+        places = places_of(tracks, k)
+        assert len(places) == 2
+        found = np.array(sorted(map(tuple, places.values())))
+        np.testing.assert_allclose(found, [[-10, 5], [10, 5]], atol=1.0)
+        (pressed,) = np.nonzero(np.asarray(tracks.touching[k]))
+        sigma = 1e3 * np.asarray(tracks.place_sigma_m[k])[pressed]
+        assert np.all(sigma > 0.1) and np.all(sigma < 1.5)
 
 
 def test_a_firm_touch_that_slides_is_followed(seen_under) -> None:

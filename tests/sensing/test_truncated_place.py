@@ -32,8 +32,18 @@ def test_what_lies_well_inside_is_left_as_it_is() -> None:
     np.testing.assert_allclose(spread, sigma, rtol=1e-9)
 
 
-def test_derivatives_are_finite_wherever_a_place_is() -> None:
-    sigma = jnp.array([[1e-3, 1e-5]])
+def test_derivatives_are_finite_wherever_a_place_is_and_where_none_is() -> None:
+    def both(place, sigma):
+        return jnp.nan_to_num(jnp.stack(within(place[None], sigma[None], BOX)[1:]))
+
     for at in ([0.0, 0.0], [0.0325, 0.0], [0.5, 0.5]):
-        slope = jax.jacfwd(lambda p: jnp.nan_to_num(within(p[None], sigma, BOX)[1]))(jnp.array(at))
-        assert np.all(np.isfinite(slope))
+        for sigma in ([1e-3, 1e-5], [1e3, 1e-3], [jnp.nan, jnp.nan]):
+            for derivative in (jax.jacfwd, jax.jacrev):
+                slopes = derivative(both, argnums=(0, 1))(jnp.array(at), jnp.array(sigma))
+                assert all(np.all(np.isfinite(slope)) for slope in slopes), (at, sigma)
+
+
+def test_a_place_that_nobody_knows_is_nowhere() -> None:
+    place = jnp.zeros((2, 2))
+    may, mean, spread = within(place, jnp.array([[jnp.nan, 1e-3], [0.0, 1e-3]]), BOX)
+    assert not np.any(may) and np.all(np.isnan(mean)) and np.all(np.isnan(spread))
