@@ -56,8 +56,8 @@ class MutualSenseState(eqx.Module):
 class MutualSenses(AbstractSenses):
     """Flow sensors and a grid; groups of readings: flow [V], cells row by row [counts].
 
-    `workspace_m` (2, 2): lowest and highest x, y of a contact's middle [m], in which places are taken to be as
-    far as images allow; `contacts`: followed at once.
+    `workspace_m` (2, 2): lowest and highest x, y of a contact's middle [m], in which places are taken to be
+    as far as images allow; `contacts`: followed at once.
     """
 
     flow: FlowSensor
