@@ -63,14 +63,24 @@ def pad_mesh(
     when a length is not positive, a cavity reaches the surface, two cavities touch or their planes nearly
     coincide.
     """
+    longest = finer_to_the_top(geometry.size[2], surface_size, growth=growth, fine_depth=fine_depth)
+    return sized_pad_mesh(geometry, base_size, longest)
+
+
+def finer_to_the_top(
+    top: float, surface_size: float, *, growth: float = 1.0, fine_depth: float = 0.0
+) -> Callable[[np.ndarray], np.ndarray]:
+    """The longest edges (m,) in m that tetrahedra of corners (m, 4, 3) m may have, in a body whose top is at
+    z = `top` m; lengths and errors: see `pad_mesh`.
+    """
     if surface_size <= 0.0 or growth < 0.0 or fine_depth < 0.0:
         raise MeshError("surface_size must be positive, growth and fine_depth not negative")
 
     def longest(corners: np.ndarray) -> np.ndarray:
-        depth = geometry.size[2] - corners[:, :, 2].max(axis=1)
+        depth = top - corners[:, :, 2].max(axis=1)
         return surface_size + growth * np.maximum(depth - fine_depth, 0.0)
 
-    return sized_pad_mesh(geometry, base_size, longest)
+    return longest
 
 
 def sized_pad_mesh(

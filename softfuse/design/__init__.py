@@ -1,0 +1,1 @@
+"""Layouts of cavities whose parameters are free, and what follows from them."""
