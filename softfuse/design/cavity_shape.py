@@ -1,8 +1,8 @@
 """A closed surface with a place, sizes and an orientation: x(u) = c + R(ω) (h ∘ r(u) u).
 
 c is the centre [m], h the half-sizes [m] along the cavity's own axes, R(ω) the turn by the rotation vector ω
-[rad] (|ω| about ω/|ω|), r(u) the radius of the cavity's `profile`. A point of the surface keeps its direction u
-while the values (c, h, ω, then the profile's parameters) change: that is what a mesh follows.
+[rad] (by |ω| about ω/|ω|), r(u) the radius of the cavity's `profile`. A point of the surface keeps its
+direction u while the values (c, h, ω, then the profile's parameters) change: that is what a mesh follows.
 """
 
 import equinox as eqx
@@ -38,31 +38,27 @@ class CavityShape(eqx.Module):
         return values[3:6]
 
     def points(
-        self, values: Float[Array, " v"], directions: Float[np.ndarray, "m 3"]
+        self, values: Float[Array, " v"], directions: Float[Array | np.ndarray, "m 3"]
     ) -> Float[Array, "m 3"]:
         """Points (m, 3) [m] of the surface along unit directions (m, 3) of its own, scaled axes.
 
         Differentiable in the values (v,).
         """
-        radius = self.profile.radius(values[9:], directions)
+        radius = self.profile.radius(values[9:], self.half_sizes(values), directions)
         local = self.half_sizes(values) * (radius[:, None] * directions)
         return self.centre(values) + local @ rotation(values[6:9]).T
-
-    def directions(
-        self, values: Float[np.ndarray, " v"], points: Float[np.ndarray, "m 3"]
-    ) -> Float[np.ndarray, "m 3"]:
-        """The unit directions (m, 3) on whose rays points (m, 3) [m] lie: those of `points`, inverted."""
-        turn = np.asarray(rotation(jnp.asarray(values[6:9])))
-        scaled = (points - np.asarray(values[:3])) @ turn / np.asarray(values[3:6])
-        return scaled / np.linalg.norm(scaled, axis=1, keepdims=True)
 
     def reach(self, values: Float[Array, " v"], normals: Float[Array, "m 3"]) -> Float[Array, " m"]:
         """How far (m,) [m] the surface, or its convex hull, reaches along unit vectors (m, 3): max n · x.
 
         Differentiable in both.
         """
-        local = self.half_sizes(values) * (normals @ rotation(values[6:9]))
-        return normals @ self.centre(values) + self.profile.support(values[9:], local)
+        own = normals @ rotation(values[6:9])
+        return normals @ self.centre(values) + self.profile.support(values[9:], self.half_sizes(values), own)
+
+    def slack(self, values: Float[Array, " v"]) -> Float[Array, " s"]:
+        """What must not be negative (s,) [m] for such a surface to exist."""
+        return self.profile.slack(values[9:], self.half_sizes(values))
 
 
 def rotation(vector: Float[Array, "3"]) -> Float[Array, "3 3"]:

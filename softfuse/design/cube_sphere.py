@@ -1,4 +1,4 @@
-"""Directions spread over the sphere as a grid on the faces of a cube: edges and corners of boxes are among them.
+"""Directions spread over the sphere as a grid on the faces of a cube, its edges and corners included.
 
 The grid has equal angles from a face's middle, u ∝ (1, tan α, tan β) with |α|, |β| ≤ π/4, which spreads it
 more evenly than equal lengths (C. Ronchi, R. Iacono, P. S. Paolucci, J. Comput. Phys. 124, 1996, DOI

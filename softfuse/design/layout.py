@@ -3,8 +3,8 @@
 A layout names its parameters (p,), says in which unit and between which bounds they are, and computes from
 them the values of every cavity: all that follows, from mesh to objective, is differentiated through `values`.
 `TiedLayout` is the affine case: cavities as drawn at θ₀, and for each parameter how much it adds to which
-values, v = v₀ + M (θ − θ₀). One parameter that adds to several cavities' values ties them: it mirrors where it
-adds with opposite signs. Anything else is a class of the user's own:
+values, v = v₀ + M (θ − θ₀). One parameter that adds to several cavities' values ties them: it mirrors where
+it adds with opposite signs. Anything else is a class of the user's own:
 
     class Fan(AbstractLayout):
         ...
@@ -27,7 +27,7 @@ from softfuse.design.outline import Outline
 from softfuse.errors import SoftfuseError
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Parameter:
     """A free number: its name, where it starts, its bounds, and by how much it is usually changed, in its SI
     `unit` ("m", "rad" or "1").
@@ -85,7 +85,7 @@ class AbstractLayout(eqx.Module):
         return np.array([r if t is None else t for t, r in zip(told, range_, strict=True)], float)
 
     def points(
-        self, theta: Float[Array, " p"], directions: Sequence[Float[np.ndarray, "m 3"]]
+        self, theta: Float[Array, " p"], directions: Sequence[Float[Array | np.ndarray, "m 3"]]
     ) -> tuple[Float[Array, "m 3"], ...]:
         """Points (m, 3) [m] of each cavity along its unit directions (m, 3); differentiable in θ (p,)."""
         parts = zip(self.shapes, self.values(theta), directions, strict=True)
@@ -153,8 +153,8 @@ class TiedLayout(AbstractLayout):
 def _check(parameter: Parameter) -> None:
     if not parameter.lower <= parameter.start <= parameter.upper:
         raise SoftfuseError(
-            f'parameter "{parameter.name}" starts at {parameter.start:g} {parameter.unit}, outside its bounds '
-            f"{parameter.lower:g} to {parameter.upper:g}: move the start or a bound"
+            f'parameter "{parameter.name}" starts at {parameter.start:g} {parameter.unit}, outside its '
+            f"bounds {parameter.lower:g} to {parameter.upper:g}: move the start or a bound"
         )
     if not parameter.lower < parameter.upper:
         raise SoftfuseError(f'parameter "{parameter.name}" cannot change: leave it out, or widen its bounds')

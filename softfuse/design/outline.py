@@ -51,4 +51,6 @@ class Outline:
         if flat.any():
             k = int(np.argmax(flat))
             what = "the block" if k == 0 else f"notch {k - 1}"
-            raise MeshError(f"{what} has no volume: its highest corner must lie above its lowest along x, y, z")
+            raise MeshError(
+                f"{what} has no volume: its highest corner must lie above its lowest along x, y, z"
+            )

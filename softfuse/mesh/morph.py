@@ -95,36 +95,28 @@ def harmonic_extension(
     mesh: TetMesh,
     held: Int[np.ndarray, " h"],
     given: Float[np.ndarray, "h c"],
-    *,
-    stiffening: float = 0.0,
 ) -> Float[np.ndarray, "n c"]:
     """Fields (n, c) at the nodes of a linear mesh that are given (h, c) at the nodes held (h,), in any unit,
-    and harmonic between them: of least Σ_e V_e^(1 − s) |∇d|².
-
-    stiffening: s [-], 0 for ∇²d = 0; with 1 small tetrahedra deform as little as large ones, which keeps
-    layers thin but whole. With the columns of a unit matrix given, it is the operator from what is held to
-    everything. Source of the stiffening: K. Stein, T. Tezduyar, R. Benney, J. Appl. Mech. 70(1), 2003, DOI
-    10.1115/1.1530635.
+    and harmonic between them. With the columns of a unit matrix given, it is the operator from what is held
+    to everything.
     """
     fields = np.zeros((len(mesh.nodes), given.shape[1]))
     fields[held] = given
     free = np.ones(len(mesh.nodes), bool)
     free[held] = False
     if free.any():
-        stiffness = _laplacian(mesh, stiffening)
+        stiffness = _laplacian(mesh)
         load = -(stiffness[free][:, held] @ given)
         fields[free] = splu(stiffness[free][:, free].tocsc()).solve(load)
     return fields
 
 
-def _laplacian(mesh: TetMesh, stiffening: float) -> csr_array:
-    """Matrix (n, n) of the Dirichlet energy with linear elements, in m where nothing is stiffened."""
+def _laplacian(mesh: TetMesh) -> csr_array:
+    """Matrix (n, n) in m of the Dirichlet energy with linear elements."""
     corners = mesh.nodes[mesh.tets]
     inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1])
     slopes = np.concatenate([-inverse.sum(axis=2, keepdims=True), inverse], axis=2)
-    size = volumes(mesh)
-    weight = size * (size.mean() / size) ** stiffening
-    blocks = np.einsum("m,mia,mib->mab", weight, slopes, slopes)
+    blocks = np.einsum("m,mia,mib->mab", volumes(mesh), slopes, slopes)
     rows, columns = np.repeat(mesh.tets, 4, axis=1), np.tile(mesh.tets, (1, 4))
     count = len(mesh.nodes)
     return csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(count, count))

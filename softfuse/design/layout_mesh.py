@@ -1,0 +1,222 @@
+"""A mesh of a layout whose nodes follow the parameters, differentiably, with the same tetrahedra.
+
+A structured mesh (see `mesh.block`) holds a box in the place of each cavity, of the same volume and
+proportions. Each node on the box's wall belongs to the nearest point of the cavity at the θ that the mesh is
+made for, lengths counted over √h; this is a direction u of the cavity's own and stays one: x(u; θ). The nodes
+between walls and skin follow harmonically,
+
+    X(θ) = X_boxes + H (x_walls(θ) − X_boxes,walls),     H (nodes, walls) the extension, 0 on the skin.
+
+Nodes in the middle of edges on walls belong to the surface too, so that faces are curved and the volume
+inside them is nearly that of the cavity; where an edge bridges a narrow fillet, they stay nearer to its
+chord. When the tetrahedra are no longer well shaped at θ, a mesh that is made for that θ goes on from there:
+the parameters stay what they are.
+
+Faces of boxes that look the same way and lie nearly in a plane are put into one plane, so that no thin slices
+arise between them: the boxes are only where the mesh comes from.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from softfuse.design.cavity_shape import CavityShape
+from softfuse.design.cube_sphere import cube_sphere
+from softfuse.design.direction_search import greatest
+from softfuse.design.layout import AbstractLayout
+from softfuse.errors import MeshError
+from softfuse.mesh.block import block_mesh
+from softfuse.mesh.morph import harmonic_extension
+from softfuse.mesh.quality import curved_mean_ratios
+from softfuse.mesh.surface import Surface, cavities, enclosed_volume, outer_surface
+from softfuse.mesh.tetmesh import TetMesh, quadratic, subdivided, tet_mesh
+
+_ONE_PLANE = 0.3
+"""Distance over base_size up to which faces of boxes that look the same way share a plane."""
+
+_BULGE = 0.1
+"""Largest height of a curved edge over its chord, as a part of the chord's length, when a mesh is made."""
+
+_WORN = 0.5
+"""Part of the mesh's least quality when it was made below which a new one is due."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fineness:
+    """Edges of the mesh: grid boxes of at most `base_size` m, then cut until no edge is longer than
+    `longest(corners (m, 4, 3) m)` (m,) in m allows, see `finer_to_the_top`.
+    """
+
+    base_size: float
+    longest: Callable[[np.ndarray], np.ndarray]
+
+
+class LayoutMesh(eqx.Module):
+    """How the nodes (n,) of a quadratic mesh follow the parameters of a layout; `layout_mesh` makes it.
+
+    boxes (n, 3): nodes in m of the mesh with boxes; wall (w,): those on walls, cavity by cavity; directions
+    (w_k, 3): of each cavity's; ends (w, 2): places in `wall` of the ends of the edge that each is in the
+    middle of, or its own twice; curving (w,) [-]: 1 on the surface, 0 on the chord; extension (n, w) [-]: H;
+    tets (m, 10); walls: the cavities' faces, normals into the material; made_quality [-]: `quality` for the
+    θ that it was made for.
+    """
+
+    layout: AbstractLayout
+    boxes: Float[Array, "n 3"]
+    wall: Int[Array, " w"]
+    directions: tuple[Float[Array, "w 3"], ...]
+    ends: Int[Array, "w 2"]
+    curving: Float[Array, " w"]
+    extension: Float[Array, "n w"]
+    tets: Int[np.ndarray, "m 10"]
+    walls: tuple[Surface, ...] = eqx.field(static=True)
+    made_quality: float = eqx.field(static=True)
+
+    def rest(self, theta: Float[Array, " p"]) -> Float[Array, "n 3"]:
+        """Rest positions (n, 3) m of all nodes with parameters (p,); differentiable in both modes."""
+        surface = jnp.concatenate([jnp.zeros((0, 3)), *self.layout.points(theta, self.directions)])
+        chord = jnp.mean(surface[self.ends], axis=1)
+        placed = chord + self.curving[:, None] * (surface - chord)
+        return self.boxes + self.extension @ (placed - self.boxes[self.wall])
+
+    def mesh(self, theta: Float[Array | np.ndarray, " p"]) -> TetMesh:
+        """The quadratic mesh with parameters (p,)."""
+        return tet_mesh(np.asarray(self.rest(jnp.asarray(theta))), self.tets)
+
+    def quality(self, theta: Float[Array | np.ndarray, " p"]) -> float:
+        """The least mean ratio [-] of the tetrahedra with parameters (p,), see `curved_mean_ratios`; 0 or
+        less where one is turned inside out.
+        """
+        return float(curved_mean_ratios(self.mesh(theta)).min())
+
+    def worn(self, theta: Float[Array | np.ndarray, " p"]) -> bool:
+        """Whether a new mesh is due with parameters (p,): the least quality is less than half of what it was
+        when the mesh was made.
+        """
+        return not self.quality(theta) > _WORN * self.made_quality
+
+
+def layout_mesh(
+    layout: AbstractLayout, theta: Float[Array | np.ndarray, " p"], fineness: Fineness
+) -> LayoutMesh:
+    """A mesh made for parameters (p,), which follows others.
+
+    Raises MeshError when boxes in the place of the cavities do not fit into the outline, or the cavities are
+    turned or shaped so unlike boxes that tetrahedra turn inside out.
+    """
+    theta = jnp.asarray(theta)
+    boxes = _boxes(layout, theta, _ONE_PLANE * fineness.base_size)
+    straight = block_mesh(layout.outline.around(boxes), fineness.base_size, fineness.longest)
+    mesh = quadratic(straight)
+    walls = cavities(mesh, boxes.mean(axis=1))
+    nodes = [np.unique(part.faces) for part in walls]
+    parts = zip(layout.shapes, layout.values(theta), nodes, boxes, strict=True)
+    directions = [
+        _nearest(shape, values, jnp.asarray(mesh.nodes[own]), box) for shape, values, own, box in parts
+    ]
+    wall = np.concatenate([np.empty(0, np.int64), *nodes])
+    ends = _ends(mesh, walls, wall)
+    surface = np.concatenate([np.empty((0, 3)), *layout.points(theta, directions)])
+    held = np.concatenate([wall, np.unique(outer_surface(mesh).faces)])
+    made = LayoutMesh(
+        layout=layout,
+        boxes=jnp.asarray(mesh.nodes),
+        wall=jnp.asarray(wall),
+        directions=tuple(directions),
+        ends=jnp.asarray(ends),
+        curving=jnp.asarray(_curving(surface, ends)),
+        extension=jnp.asarray(harmonic_extension(subdivided(mesh), held, np.eye(len(held), len(wall)))),
+        tets=mesh.tets,
+        walls=tuple(walls),
+        made_quality=1.0,
+    )
+    _check(made.mesh(theta))
+    return replace(made, made_quality=made.quality(theta))
+
+
+def _boxes(layout: AbstractLayout, theta: Float[Array, " p"], apart: float) -> Float[np.ndarray, "k 2 3"]:
+    """Lowest and highest corners (k, 2, 3) m of boxes of the cavities' volumes, in common planes where they
+    are no farther than `apart` m from these.
+    """
+    directions, faces = cube_sphere(20)
+    boxes = np.empty((len(layout.shapes), 2, 3))
+    for box, shape, values in zip(boxes, layout.shapes, layout.values(theta), strict=True):
+        half = np.asarray(shape.half_sizes(values))
+        if not half.min() > 0 or (np.asarray(shape.slack(values)) < 0).any():
+            raise MeshError(
+                f"a cavity around {(1e3 * np.asarray(shape.centre(values))).round(3).tolist()} mm with "
+                f"half-sizes {(1e3 * half).round(3).tolist()} mm does not exist: make it larger, or its "
+                "fillets smaller"
+            )
+        volume = enclosed_volume(np.asarray(shape.points(values, directions)), faces)
+        half = half * np.cbrt(volume / (8.0 * half.prod()))
+        box[:] = np.asarray(shape.centre(values)) + np.stack([-half, half])
+    return _aligned(boxes, apart)
+
+
+def _aligned(boxes: Float[np.ndarray, "k 2 3"], apart: float) -> Float[np.ndarray, "k 2 3"]:
+    aligned = boxes.copy()
+    for side in range(2):
+        for axis in range(3):
+            place = boxes[:, side, axis]
+            order = np.argsort(place, kind="stable")
+            first = 0
+            for k in range(1, len(order) + 1):
+                if k == len(order) or place[order[k]] - place[order[first]] > apart:
+                    together = order[first:k]
+                    aligned[together, side, axis] = place[together].mean()
+                    first = k
+    return aligned
+
+
+@eqx.filter_jit
+def _nearest(
+    shape: CavityShape, values: Float[Array, " v"], nodes: Float[Array, "w 3"], box: Float[np.ndarray, "2 3"]
+) -> Float[Array, "w 3"]:
+    """Directions (w, 3) of the cavity's points that are nearest to where nodes (w, 3) m on the wall of its
+    box are when this is enlarged so that it holds the cavity, both as they are without a turn.
+    """
+    # Nearest by length, nodes would crowd on a flat cavity's rim; by length over h, they would leave out its
+    # narrow fillets. From inside, they would go to the nearer of two sides and leave out what lies between.
+    straight = values.at[6:9].set(0.0)
+    offset = (nodes - jnp.mean(box, axis=0)) / (0.5 * (box[1] - box[0]))
+    holding = jnp.maximum(*(shape.reach(straight, n * jnp.eye(3)) - n * values[:3] for n in (1.0, -1.0)))
+    place = shape.centre(values) + holding * offset
+
+    def nearness(directions):
+        points = shape.points(straight, directions.reshape(-1, 3)).reshape(directions.shape)
+        return -jnp.sum((points - place[:, None]) ** 2 / holding, axis=-1)
+
+    begin = offset / jnp.linalg.norm(offset, axis=1, keepdims=True)
+    return greatest(nearness, begin)
+
+
+def _ends(mesh: TetMesh, walls: Sequence[Surface], wall: Int[np.ndarray, " w"]) -> Int[np.ndarray, "w 2"]:
+    place = np.zeros(len(mesh.nodes), np.int64)
+    place[wall] = np.arange(len(wall))
+    ends = np.stack([np.arange(len(wall))] * 2, axis=1)
+    for part in walls:
+        for middle, corners in ((3, [0, 1]), (4, [1, 2]), (5, [2, 0])):
+            ends[place[part.faces[:, middle]]] = place[part.faces[:, corners]]
+    return ends
+
+
+def _curving(surface: Float[np.ndarray, "w 3"], ends: Int[np.ndarray, "w 2"]) -> Float[np.ndarray, " w"]:
+    chord = surface[ends]
+    allowed = _BULGE * np.linalg.norm(chord[:, 1] - chord[:, 0], axis=1)
+    height = np.linalg.norm(surface - chord.mean(axis=1), axis=1)
+    return np.divide(allowed, height, out=np.ones_like(height), where=height > allowed)
+
+
+def _check(mesh: TetMesh) -> None:
+    quality = curved_mean_ratios(mesh)
+    if not quality.min() > 0.0:
+        at = (1e3 * mesh.nodes[mesh.tets[np.argmin(quality)]].mean(axis=0)).round(2).tolist()
+        raise MeshError(
+            f"a tetrahedron near {at} mm is turned inside out between a cavity and what is next to it: "
+            "thicken the wall there, turn the cavity less, or mesh finer"
+        )

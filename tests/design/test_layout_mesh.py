@@ -1,0 +1,135 @@
+"""Meshes that follow a layout: on its surfaces, symmetric, of the right volume, differentiable, replaced."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from softfuse.design.cavity_shape import CavityShape
+from softfuse.design.layout import TiedLayout
+from softfuse.design.layout_mesh import Fineness, layout_mesh
+from softfuse.design.outline import Outline
+from softfuse.design.profile import FreeForm, RoundedBox, Superellipsoid
+from softfuse.errors import MeshError
+from softfuse.functional import Cavity
+from softfuse.mesh.orientation import check
+from softfuse.mesh.pad import PadGeometry, finer_to_the_top
+from softfuse.mesh.quality import curved_mean_ratios, mean_ratios
+from softfuse.mesh.surface import outer_surface
+from softfuse.mesh.tetmesh import TetMesh, quadratic, subdivided, tet_mesh, volumes
+
+
+def volume(made, theta, k: int = 0) -> float:
+    return float(Cavity(jnp.asarray(made.walls[k].faces))(made.rest(jnp.asarray(theta))))
+
+
+def test_walls_lie_on_the_surfaces_and_the_skin_stays(twins, twin_mesh, changed) -> None:
+    made, before, after = twin_mesh, twin_mesh.mesh(twins.start), twin_mesh.mesh(changed)
+    check(before)
+    np.testing.assert_array_equal(after.tets, before.tets)
+    skin = outer_surface(before).faces
+    np.testing.assert_array_equal(after.nodes[skin], np.asarray(made.boxes)[skin])
+    assert {-0.035, 0.035} <= set(after.nodes[:, 0].round(12)) and after.nodes[:, 2].max() == 0.018
+    values = twins.values(jnp.asarray(changed))
+    corners = np.unique(made.walls[1].faces[:, :3])
+    fillet, half = float(values[1][9]), np.asarray(values[1][3:6])
+    angle = float(values[1][8])
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
+    local = (after.nodes[corners] - np.asarray(values[1][:3])) @ turn
+    apart = np.linalg.norm(local - np.clip(local, fillet - half, half - fillet), axis=1)
+    np.testing.assert_allclose(apart, fillet, rtol=1e-8)
+
+
+def test_mirrored_cavities_have_mirrored_nodes(twin_mesh, changed) -> None:
+    nodes = twin_mesh.mesh(changed).nodes
+    assert cKDTree(nodes).query(nodes * [-1.0, 1.0, 1.0])[0].max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("profile", "shape"),
+    [
+        (RoundedBox(), {"fillet": 0.0003}),
+        (RoundedBox(), {"fillet": 0.0028}),
+        (Superellipsoid(), {"roundness": 0.3}),
+        (Superellipsoid(), {"roundness": 1.0}),
+        (FreeForm(RoundedBox(), 2), {"fillet": 0.001, "harmonic 2 2": 0.05}),
+    ],
+)
+def test_every_profile_is_meshed_well(profile, shape, layout_like, fineness) -> None:
+    layout = layout_like(profile, **shape)
+    made = layout_mesh(layout, layout.start, fineness)
+    assert made.quality(layout.start) == made.made_quality > 0.1
+    assert not made.worn(layout.start)
+
+
+def test_a_finer_mesh_has_the_cavitys_volume() -> None:
+    block = PadGeometry((0.03, 0.03, 0.02), (0.016, 0.014, 0.008), ((0.0, 0.0),), 0.006).block()
+    values = {"x": 0.0, "y": 0.0, "z": 0.01, "half x": 0.008, "half y": 0.007, "half z": 0.004}
+    ball = CavityShape(Superellipsoid()), {**values, "roundness": 1.0}
+    layout = TiedLayout.of(Outline.of(block), [ball], [])
+    exact = 4 / 3 * np.pi * 0.008 * 0.007 * 0.004
+    errors = []
+    for size in (0.012, 0.006, 0.003):
+        made = layout_mesh(layout, layout.start, Fineness(size, finer_to_the_top(0.02, size)))
+        errors.append(volume(made, layout.start) / exact - 1)
+    assert abs(errors[0]) < 0.2 and abs(errors[2]) < 0.02
+    assert abs(errors[2]) < 0.5 * abs(errors[1]) < 0.25 * abs(errors[0])
+
+
+def test_nodes_have_the_derivatives_of_differences(twins, twin_mesh, changed) -> None:
+    rest, at = jax.jit(lambda theta: twin_mesh.rest(theta)), jnp.asarray(changed)
+    slope = jax.jacfwd(rest)(at)
+    weights = jnp.asarray(np.random.default_rng(0).normal(size=twin_mesh.boxes.shape))
+    (backward,) = jax.vjp(rest, at)[1](weights)
+    np.testing.assert_allclose(jnp.einsum("ni,nip->p", weights, slope), backward, rtol=1e-10)
+    for k, step in enumerate(1e-4 * twins.scale):
+        difference = (rest(at.at[k].add(step)) - rest(at.at[k].add(-step))) / (2 * step)
+        np.testing.assert_allclose(slope[..., k], difference, atol=1e-6 * np.abs(difference).max() + 1e-9)
+
+
+def test_a_worn_mesh_is_replaced_by_a_better_one(twins, twin_mesh, fineness) -> None:
+    far = twins.start.copy()
+    far[1:4] = 0.0145, 0.0038, 0.013
+    assert twin_mesh.worn(far) and not twin_mesh.worn(twins.start)
+    fresh = layout_mesh(twins, far, fineness)
+    assert fresh.quality(far) > 1.5 * twin_mesh.quality(far) and not fresh.worn(far)
+    # The same parameters describe the same cavities.
+    assert volume(fresh, far) == pytest.approx(volume(twin_mesh, far), rel=0.03)
+
+
+def test_what_cannot_be_meshed_is_told(twins, fineness) -> None:
+    wide = twins.start.copy()
+    wide[twins.names.index("turn")] = 0.8
+    with pytest.raises(MeshError, match="turned inside out"):
+        layout_mesh(twins, wide, fineness)
+    high = twins.start.copy()
+    high[twins.names.index("level")] += 0.01
+    with pytest.raises(MeshError, match="reaches the surface"):
+        layout_mesh(twins, high, fineness)
+    flat = twins.start.copy()
+    flat[twins.names.index("half height")] = 0.0005
+    with pytest.raises(MeshError, match="fillets smaller"):
+        layout_mesh(twins, flat, fineness)
+
+
+def _one() -> TetMesh:
+    return tet_mesh([[0.0, 0, 0], [1, 0, 0], [0.2, 1, 0], [0, 0.1, 0.7]], [[0, 1, 2, 3]])
+
+
+def test_a_subdivided_tetrahedron_is_three_times_eight_of_equal_volume() -> None:
+    mesh = _one()
+    np.testing.assert_allclose(
+        volumes(subdivided(quadratic(mesh))), np.full(24, volumes(mesh) / 8), rtol=1e-12
+    )
+
+
+def test_curved_tetrahedra_are_judged_by_their_smallest_jacobian() -> None:
+    mesh = quadratic(_one())
+    np.testing.assert_allclose(curved_mean_ratios(mesh), mean_ratios(mesh), rtol=1e-12)
+    bent = mesh.nodes.copy()
+    # A middle node at a quarter of the edge makes the Jacobian 0 at the edge's end.
+    bent[mesh.tets[0, 4]] = [0.25, 0.0, 0.0]
+    assert curved_mean_ratios(tet_mesh(bent, mesh.tets))[0] == pytest.approx(0.0, abs=1e-9)
+    bent[mesh.tets[0, 4]] = [0.2, 0.0, 0.0]
+    assert curved_mean_ratios(tet_mesh(bent, mesh.tets))[0] < 0
