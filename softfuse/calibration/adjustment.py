@@ -5,9 +5,9 @@ Priors are normal, θ ~ N(0, σ²): for a stiffness θ is the logarithm of a fac
 σ says in which tolerance a device is made. Everything is differentiable in θ.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from enum import Enum
-from typing import ClassVar, Self, TypeVar
+from typing import ClassVar, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,18 +16,14 @@ from jaxtyping import Array, Float, Int
 
 from softfuse.body.body import Body
 from softfuse.body.stiffness_field import TERMS, with_field
-from softfuse.equilibrium.gas import SealedGas
-from softfuse.equilibrium.load import AbstractLoad
 from softfuse.equilibrium.punch import PunchContact
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.device import Device
+from softfuse.estimation.device import Device, with_body
 from softfuse.material.base import AbstractMaterial, constant
 from softfuse.material.neo_hookean import NeoHookean
 from softfuse.material.yeoh import Yeoh
 from softfuse.mesh.morph import wall_fields
 from softfuse.mesh.tetmesh import TetMesh
-
-_Load = TypeVar("_Load", bound=AbstractLoad)
 
 
 class Measure(Enum):
@@ -83,7 +79,7 @@ class Stiffness(AbstractAdjustment):
     def adjusted(self, device, value):
         """The device of stiffer or softer materials."""
         materials = [law.times(jnp.exp(value[0])) for law in _body(device).materials]
-        return _with_body(device, _body(device).with_materials(materials))
+        return with_body(device, _body(device).with_materials(materials))
 
 
 class Stiffening(AbstractAdjustment):
@@ -106,7 +102,7 @@ class Stiffening(AbstractAdjustment):
     def adjusted(self, device, value):
         """The device of materials that stiffen more or less under strain; see `possible`."""
         materials = [_stiffened(law, value[0]) for law in _body(device).materials]
-        return _with_body(device, _body(device).with_materials(materials))
+        return with_body(device, _body(device).with_materials(materials))
 
 
 def _stiffened(law: AbstractMaterial, ratio: Float[Array, ""]) -> Yeoh:
@@ -178,7 +174,7 @@ class Walls(AbstractAdjustment):
     def adjusted(self, device, value):
         """The device with its cavities as made."""
         body = _body(device)
-        return _with_body(device, body.with_rest(body.rest + jnp.einsum("p,pni->ni", value, self.modes)))
+        return with_body(device, body.with_rest(body.rest + jnp.einsum("p,pni->ni", value, self.modes)))
 
 
 class StiffnessField(AbstractAdjustment):
@@ -199,7 +195,7 @@ class StiffnessField(AbstractAdjustment):
 
     def adjusted(self, device, value):
         """The device that is stiffer in some parts than in others."""
-        return _with_body(device, with_field(_body(device), self.configured + value))
+        return with_body(device, with_field(_body(device), self.configured + value))
 
 
 class Gains(AbstractAdjustment):
@@ -274,17 +270,6 @@ def _body(device: Device) -> Body:
     if not isinstance(device.body, Body):
         raise SoftfuseError("a reduced body cannot be calibrated: calibrate the full one, then reduce it")
     return device.body
-
-
-def _with_body(device: Device, body: Body) -> Device:
-    sealed = with_attached(device, SealedGas, lambda gas: gas.sealed_in(body))
-    return eqx.tree_at(lambda d: d.body, sealed, body)
-
-
-def with_attached(device: Device, kind: type[_Load], changed: Callable[[_Load], _Load]) -> Device:
-    """The device whose attached loads of a kind are changed, one after the other."""
-    attached = tuple(changed(load) if isinstance(load, kind) else load for load in device.attached)
-    return eqx.tree_at(lambda d: d.attached, device, attached)
 
 
 def _punch(device: Device) -> PunchContact:

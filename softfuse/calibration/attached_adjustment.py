@@ -12,10 +12,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.calibration.adjustment import AbstractAdjustment, Measure, with_attached
+from softfuse.calibration.adjustment import AbstractAdjustment, Measure
 from softfuse.equilibrium.cable import ShortenedCable
 from softfuse.equilibrium.gas import SealedGas
-from softfuse.estimation.device import Device
+from softfuse.estimation.device import Device, with_attached
 
 _TYPICAL_STRAIN = 1e-3
 """Of a cable under the largest tension, where none is configured: a wire's is some ten-thousandths, that of

@@ -1,5 +1,6 @@
 """From settings to the mesh of the body: its nodes and tetrahedra, its cavities, the nodes that are held."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,8 +46,17 @@ def build_mesh(config: DeviceConfig) -> DeviceMesh:
             mesh = reshaped_cavities(mesh, shifts, growths, centres=centres)
         mesh = linear(mesh) if config.body.element == "linear" else quadratic(mesh)
         found = cavities(mesh, centres + shifts)
+    return device_mesh(config, mesh, found)
+
+
+def device_mesh(config: DeviceConfig, mesh: TetMesh, cavities: Sequence[Surface]) -> DeviceMesh:
+    """A mesh of the element's order and its cavities, in the order of the configuration, as its device's.
+
+    For a mesh from elsewhere, such as that of a layout. Raises ConfigError when it has another number of
+    regions than the configuration, or no node is fixed.
+    """
     mesh = _with_numbered_regions(config, mesh)
-    return DeviceMesh(mesh, tuple(found), _fixed_nodes(config, mesh))
+    return DeviceMesh(mesh, tuple(cavities), _fixed_nodes(config, mesh))
 
 
 def _with_numbered_regions(config: DeviceConfig, mesh: TetMesh) -> TetMesh:

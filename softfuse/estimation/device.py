@@ -5,7 +5,8 @@
 attached loads.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -14,11 +15,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
+from softfuse.equilibrium.gas import SealedGas
 from softfuse.equilibrium.linear_solver import AbstractLinearSolver
 from softfuse.equilibrium.load import AbstractContact, AbstractLoad, Loads
 from softfuse.equilibrium.newton import Newton, solve
 from softfuse.equilibrium.solution import Solution, State
 from softfuse.functional.base import AbstractFunctional
+
+_Load = TypeVar("_Load", bound=AbstractLoad)
 
 
 class Device(eqx.Module):
@@ -64,6 +68,18 @@ class Device(eqx.Module):
         force = state.force[state.force.shape[0] - attached.sizes.forces :]
         internal = state.internal[state.internal.shape[0] - attached.sizes.internal :]
         return attached.conjugate(force, internal, attached.values(self.body, state.z))
+
+
+def with_body(device: Device, body: AbstractBody) -> Device:
+    """The same device of a body with other rest nodes or materials, in which its gas was sealed."""
+    sealed = with_attached(device, SealedGas, lambda gas: gas.sealed_in(body))
+    return eqx.tree_at(lambda d: d.body, sealed, body)
+
+
+def with_attached(device: Device, kind: type[_Load], changed: Callable[[_Load], _Load]) -> Device:
+    """The device whose attached loads of a kind are changed, one after the other."""
+    attached = tuple(changed(load) if isinstance(load, kind) else load for load in device.attached)
+    return eqx.tree_at(lambda d: d.attached, device, attached)
 
 
 @eqx.filter_jit

@@ -1,0 +1,29 @@
+"""A device whose cavities follow the parameters of a layout, differentiably: from θ to body, gas and sensors.
+
+It is built once on the mesh of the layout; then only rest nodes change, and with them what is computed from
+them, sealed gas included. The outside stays, so do contacts and electrodes; what is fixed to material points
+inside, such as a cable's guides, moves with the material around it.
+"""
+
+from jaxtyping import Array, Float
+
+from softfuse.body.body import Body
+from softfuse.design.layout_mesh import LayoutMesh
+from softfuse.errors import SoftfuseError
+from softfuse.estimation.device import Device, with_body
+
+
+def device_at(device: Device, mesh: LayoutMesh, theta: Float[Array, " p"]) -> Device:
+    """The device with parameters (p,), built on `mesh` for any others; differentiable in them.
+
+    Raises SoftfuseError when the device's body is reduced, or was built on another mesh.
+    """
+    body = device.body
+    if not isinstance(body, Body):
+        raise SoftfuseError("a reduced body cannot change its cavities: design the full one, then reduce it")
+    if body.rest.shape != mesh.boxes.shape:
+        raise SoftfuseError(
+            f"the device has {len(body.rest)} nodes, the layout's mesh {len(mesh.boxes)}: build it on "
+            "LayoutMesh.mesh"
+        )
+    return with_body(device, body.with_rest(mesh.rest(theta)))

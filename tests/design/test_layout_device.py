@@ -1,0 +1,79 @@
+"""What a device reads has the derivatives in a layout's parameters that differences of re-solves have."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.body import Body
+from softfuse.design.layout_device import device_at
+from softfuse.design.layout_mesh import Fineness, layout_mesh
+from softfuse.equilibrium.gas import SealedGas
+from softfuse.equilibrium.multifrontal import Multifrontal
+from softfuse.equilibrium.newton import Newton, solve
+from softfuse.equilibrium.punch import PunchContact
+from softfuse.equilibrium.solution import RESULTS, State
+from softfuse.errors import SoftfuseError
+from softfuse.estimation.device import Device
+from softfuse.functional import Cavity
+from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.pressure_cells import flat_punch
+from softfuse.material import NeoHookean
+from softfuse.mesh.pad import finer_to_the_top
+from softfuse.mesh.surface import outer_surface
+
+DISC = jnp.array([[0.012, 0.003, 0.018]])
+
+
+@pytest.fixture(scope="module")
+def mesh(twins):
+    return layout_mesh(twins, twins.start, Fineness(0.04, finer_to_the_top(0.018, 0.04)))
+
+
+@pytest.fixture(scope="module")
+def sealed(twins, mesh) -> Device:
+    """One cavity vented, one sealed, a disc of 8 mm."""
+    made = mesh.mesh(twins.start)
+    body = Body.from_mesh(made, [NeoHookean.from_young(0.6e6, 0.49)], made.nodes[:, 2] < 1e-9)
+    surface = ContactSurface.facing(outer_surface(made).faces, made.nodes, np.array([0.0, 0.0, -1.0]))
+    contact = Contact(surface, flat_punch((0.7, 1.0), (3, 6)), jnp.zeros(3), jnp.asarray(0.008))
+    vented, closed = (Cavity(jnp.asarray(wall.faces)) for wall in mesh.walls)
+    gas = SealedGas.of((closed,), body, jnp.array([1e-6]))
+    return Device(body, (vented,), PunchContact(contact), Multifrontal.plan(body), (gas,), (0,))
+
+
+@pytest.mark.slow
+def test_readings_have_the_derivatives_of_re_solves(twins, mesh, sealed) -> None:
+    @jax.jit
+    def pressed(theta):
+        device = device_at(sealed, mesh, theta)
+        loads = device.loads(DISC)
+        newton = Newton(device.linear, step_tolerance=1e-12)
+        drive = jnp.array([4.0, 101325.0])
+        solution = solve(newton, device.body, loads, drive, State.rest(device.body, loads))
+        return device.reading(solution.state), solution.result
+
+    at = jnp.asarray(twins.start)
+    reading, result = pressed(at)
+    assert result == RESULTS.converged
+    slope = jax.jit(jax.jacfwd(lambda theta: pressed(theta)[0]))(at)
+    for k, step in enumerate(0.02 * twins.scale):
+
+        def central(h, k=k):
+            return (pressed(at.at[k].add(h))[0] - pressed(at.at[k].add(-h))[0]) / (2 * h)
+
+        difference = (4 * central(step / 2) - central(step)) / 3
+        assert np.all(np.abs(difference) * twins.scale[k] > 1e-6 * np.abs(reading))
+        np.testing.assert_allclose(slope[:, k], difference, rtol=1e-6)
+
+
+def test_gas_is_sealed_in_the_cavities_as_they_are(twins, mesh, sealed, changed) -> None:
+    (gas,) = device_at(sealed, mesh, jnp.asarray(changed)).attached
+    assert isinstance(gas, SealedGas)
+    exact = Cavity(jnp.asarray(mesh.walls[1].faces))(mesh.rest(jnp.asarray(changed)))
+    np.testing.assert_allclose(gas.rest, [exact], rtol=1e-12)
+
+
+def test_a_device_on_another_mesh_is_refused(twins, mesh, twin_mesh, sealed) -> None:
+    with pytest.raises(SoftfuseError, match="nodes, the layout's mesh"):
+        device_at(sealed, twin_mesh, jnp.asarray(twins.start))
