@@ -28,6 +28,9 @@ from softfuse.design.cube_sphere import cube_sphere
 _NOTHING = 1e-150
 """Component of a direction below which its powers are 0, so that they have derivatives."""
 
+_EDGE = 1e-5
+"""ε: sine of the angle over which an edge's normals go over into a face's."""
+
 _STEPS = 30
 """Of Newton's method for the radius: more than it takes."""
 
@@ -97,9 +100,14 @@ class RoundedBox(AbstractProfile):
         return newton(jax.lax.stop_gradient(root))
 
     def support(self, parameters, half, normals):
-        """That of the box inside the fillets plus that of a ball."""
+        """That of the box inside the fillets plus that of a ball.
+
+        (√(n² + ε²) − ε) / (√(1 + ε²) − ε) stands for |n|: with a kink there, a maximum over n would not tell
+        where along an edge or on a face another body is nearest. Corners reach less far by ε of the box.
+        """
         fillet = parameters[0]
-        return jnp.abs(normals) @ (half - fillet) + fillet * jnp.linalg.norm(normals, axis=1)
+        soft = (jnp.sqrt(normals**2 + _EDGE**2) - _EDGE) / (np.sqrt(1.0 + _EDGE**2) - _EDGE)
+        return soft @ (half - fillet) + fillet * jnp.linalg.norm(normals, axis=1)
 
     def slack(self, parameters, half):
         """A fillet is not larger than any half-size."""
@@ -120,8 +128,10 @@ class Superellipsoid(AbstractProfile):
         return 1.0 / _norm(jnp.asarray(directions), 2.0 / parameters[0])
 
     def support(self, parameters, half, normals):
-        """The dual norm, 1/N + 1/N' = 1."""
-        return _norm(half * normals, 2.0 / (2.0 - parameters[0]))
+        """The dual norm, 1/N + 1/N' = 1, of components √(v² + ε²) in the place of |v|: as for a box."""
+        local = half * normals
+        edge = _EDGE * jnp.linalg.norm(local, axis=1, keepdims=True)
+        return _norm(jnp.sqrt(local**2 + edge**2), 2.0 / (2.0 - parameters[0]))
 
     def slack(self, parameters, half):
         """Nothing: the bounds of ρ say it."""

@@ -12,7 +12,7 @@ never thicker. Source: S. Cameron, R. Culley, IEEE Int. Conf. Robotics and Autom
 10.1109/ROBOT.1986.1087645.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import combinations
 
 import jax
@@ -20,9 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.design.cavity_shape import rotation
+from softfuse.design.cavity_shape import CavityShape, rotation
 from softfuse.design.cube_sphere import cube_sphere
-from softfuse.design.direction_search import greatest
+from softfuse.design.direction_search import greatest, polished
 from softfuse.design.layout import AbstractLayout
 from softfuse.design.outline import NORMALS, SIDES
 
@@ -53,19 +53,47 @@ def wall_thicknesses(layout: AbstractLayout, theta: Float[Array, " p"]) -> Float
     values = layout.values(theta)
     bodies = list(zip(layout.shapes, values, strict=True))
     sides = [layout.outline.offsets - shape.reach(v, jnp.asarray(NORMALS)) for shape, v in bodies]
-    reaches = [_reach_of(shape, v) for shape, v in bodies]
-    axes = [rotation(v[6:9]).T for v in values]
-    straight = jnp.eye(3)
-    notches = [
-        separation(reach, _box(low, high), jnp.concatenate([own, straight]))
-        for reach, own in zip(reaches, axes, strict=True)
-        for low, high in layout.outline.notches
-    ]
-    pairs = [
-        separation(reaches[j], reaches[k], jnp.concatenate([axes[j], axes[k]]))
-        for j, k in combinations(range(len(bodies)), 2)
-    ]
-    return jnp.concatenate([jnp.zeros(0), *sides, jnp.array([*notches, *pairs], float)])
+
+    def to_notch(first: CavityShape, second: CavityShape):
+        del second
+
+        def gap(v, corners):
+            own = rotation(v[6:9]).T
+            box = _box(corners[0], corners[1])
+            return separation(_reach_of(first, v), box, jnp.concatenate([own, jnp.eye(3)]))
+
+        return gap
+
+    def to_cavity(first: CavityShape, second: CavityShape):
+        def gap(v, w):
+            axes = jnp.concatenate([rotation(v[6:9]).T, rotation(w[6:9]).T])
+            return separation(_reach_of(first, v), _reach_of(second, w), axes)
+
+        return gap
+
+    corners = [jnp.asarray(box) for box in layout.outline.notches]
+    notches = [(k, k, values[k], box) for k in range(len(bodies)) for box in corners]
+    pairs = [(j, k, values[j], values[k]) for j, k in combinations(range(len(bodies)), 2)]
+    parts = [*sides, _together(layout.shapes, notches, to_notch), _together(layout.shapes, pairs, to_cavity)]
+    return jnp.concatenate([jnp.zeros(0), *parts])
+
+
+def _together(
+    shapes: Sequence[CavityShape],
+    pairs: Sequence[tuple[int, int, Float[Array, "..."], Float[Array, "..."]]],
+    gap: Callable[[CavityShape, CavityShape], Callable[[Array, Array], Array]],
+) -> Float[Array, " g"]:
+    """gap(shapes[j], shapes[k])(a, b) (g,) of pairs (j, k, a, b), those of the same kinds in one program."""
+    kinds: dict[object, list[int]] = {}
+    for at, (j, k, _, _) in enumerate(pairs):
+        kinds.setdefault((jax.tree.structure(shapes[j]), jax.tree.structure(shapes[k])), []).append(at)
+    result = jnp.zeros(len(pairs))
+    for members in kinds.values():
+        j, k, _, _ = pairs[members[0]]
+        first, second = (jnp.stack([pairs[at][side] for at in members]) for side in (2, 3))
+        gaps = jax.vmap(gap(shapes[j], shapes[k]))(first, second)
+        result = result.at[np.array(members)].set(gaps)
+    return result
 
 
 def slacks(layout: AbstractLayout, theta: Float[Array, " p"]) -> Float[Array, " s"]:
@@ -93,13 +121,14 @@ def separation(first: Reach, second: Reach, axes: Float[Array, "a 3"]) -> Float[
     across = jnp.where(length > _PARALLEL, across / jnp.maximum(length, _PARALLEL), axes[first_axis])
     begin = jnp.concatenate([jnp.asarray(cube_sphere(_CELLS)[0]), axes, -axes, across, -across])
     start = begin[jnp.argmax(apart(jax.lax.stop_gradient(begin)))]
-    return apart(greatest(apart, start[None], axes))[0]
+    nearest = polished(apart, greatest(apart, start[None], axes)[0])
+    return apart(nearest[None])[0]
 
 
-def _reach_of(shape, values) -> Reach:
+def _reach_of(shape: CavityShape, values: Float[Array, " v"]) -> Reach:
     return lambda normals: shape.reach(values, normals)
 
 
-def _box(low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> Reach:
+def _box(low: Float[Array, "3"], high: Float[Array, "3"]) -> Reach:
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     return lambda normals: normals @ middle + jnp.abs(normals) @ half

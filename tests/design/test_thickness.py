@@ -46,38 +46,45 @@ def test_walls_of_balls_and_faces_are_exact() -> None:
     layout = layout_of(BALL, other)
     thick = dict(zip(wall_names(layout), np.asarray(wall_thicknesses(layout, layout.start)), strict=True))
     assert len(thick) == 12 + 2 + 1
-    assert thick["cavity 0, high z"] == pytest.approx(0.02 - 0.013 - 0.003, abs=1e-12)
-    assert thick["cavity 0, low x"] == pytest.approx(0.065 - 0.003, abs=1e-12)
-    assert thick["cavity 0, notch 0"] == pytest.approx(0.007 - 0.003, abs=1e-12)
+    assert thick["cavity 0, high z"] == pytest.approx(0.02 - 0.013 - 0.003, abs=1e-9)
+    assert thick["cavity 0, low x"] == pytest.approx(0.065 - 0.003, abs=1e-9)
+    assert thick["cavity 0, notch 0"] == pytest.approx(0.007 - 0.003, abs=1e-9)
     # The notch's edge at x = 20 mm, z = 6 mm.
-    assert thick["cavity 1, notch 0"] == pytest.approx(np.hypot(0.015, 0.006) - 0.002, abs=1e-10)
+    assert thick["cavity 1, notch 0"] == pytest.approx(np.hypot(0.015, 0.006) - 0.002, abs=1e-9)
     between = np.sqrt(0.02**2 + 0.009**2 + 0.001**2) - 0.005
-    assert thick["cavity 0, cavity 1"] == pytest.approx(between, abs=1e-10)
+    assert thick["cavity 0, cavity 1"] == pytest.approx(between, abs=1e-9)
 
 
-def test_walls_are_those_of_dense_samples() -> None:
+@pytest.fixture(scope="module")
+def three():
+    """A layout of three kinds and its walls as a compiled function of θ."""
     layout = layout_of(ROUND, BOX, BALL)
-    thick = dict(zip(wall_names(layout), np.asarray(wall_thicknesses(layout, layout.start)), strict=True))
+    return layout, jax.jit(lambda theta: wall_thicknesses(layout, theta))
+
+
+def test_walls_are_those_of_dense_samples(three) -> None:
+    layout, walls = three
+    thick = dict(zip(wall_names(layout), np.asarray(walls(jnp.asarray(layout.start))), strict=True))
     directions, _ = cube_sphere(150)
     points = [np.asarray(p) for p in layout.points(jnp.asarray(layout.start), [directions] * 3)]
     for j, k in ((0, 1), (0, 2), (1, 2)):
         sampled = cKDTree(points[j]).query(points[k])[0].min()
-        assert -1e-12 <= sampled - thick[f"cavity {j}, cavity {k}"] < 2e-5
+        assert -1e-6 <= sampled - thick[f"cavity {j}, cavity {k}"] < 2e-5
     for k in range(3):
-        assert -1e-12 <= (0.02 - points[k][:, 2].max()) - thick[f"cavity {k}, high z"] < 5e-6
+        assert -1e-6 <= (0.02 - points[k][:, 2].max()) - thick[f"cavity {k}, high z"] < 5e-6
         low, high = OUTLINE.notches[0]
         sampled = np.linalg.norm(points[k] - np.clip(points[k], low, high), axis=1).min()
-        assert -1e-12 <= sampled - thick[f"cavity {k}, notch 0"] < 2e-5
+        assert -1e-6 <= sampled - thick[f"cavity {k}, notch 0"] < 2e-5
 
 
-def test_walls_have_the_derivatives_of_differences() -> None:
-    layout = layout_of(ROUND, BOX, BALL)
-    walls = jax.jit(lambda theta: wall_thicknesses(layout, theta))
+@pytest.mark.slow
+def test_walls_have_the_derivatives_of_differences(three) -> None:
+    layout, walls = three
     at = jnp.asarray(layout.start)
     slope = jax.jit(jax.jacfwd(walls))(at)
     np.testing.assert_allclose(slope, jax.jit(jax.jacrev(walls))(at), atol=1e-12)
-    for k in range(len(at)):
-        h = 1e-6 if k % 10 < 6 else 1e-4
+    for k, name in enumerate(layout.names):
+        h = 1e-5 if name.startswith(("turn", "roundness")) else 1e-6
         difference = (walls(at.at[k].add(h)) - walls(at.at[k].add(-h))) / (2 * h)
         np.testing.assert_allclose(slope[:, k], difference, atol=1e-6 + 1e-6 * np.abs(difference).max())
 
@@ -88,7 +95,7 @@ def test_aligned_boxes_are_found_apart_and_overlapping() -> None:
         x = 0.01 + gap
         second = shape(RoundedBox(), (x, 0.001, 0.0105), (0.005, 0.004, 0.003), (0, 0, 0), (0.001,))
         layout = layout_of(first, second)
-        assert wall_thicknesses(layout, layout.start)[-1] == pytest.approx(gap, abs=1e-10)
+        assert wall_thicknesses(layout, layout.start)[-1] == pytest.approx(gap, abs=1e-9)
 
 
 def test_a_hull_makes_walls_thinner_not_thicker() -> None:
