@@ -128,7 +128,9 @@ class Superellipsoid(AbstractProfile):
         return 1.0 / _norm(jnp.asarray(directions), 2.0 / parameters[0])
 
     def support(self, parameters, half, normals):
-        """The dual norm, 1/N + 1/N' = 1, of components √(v² + ε²) in the place of |v|: as for a box."""
+        """The dual norm, 1/N + 1/N' = 1, of components √(v² + ε²) in the place of |v|, as for a box; faces
+        reach farther by up to 2 ε of the half-sizes.
+        """
         local = half * normals
         edge = _EDGE * jnp.linalg.norm(local, axis=1, keepdims=True)
         return _norm(jnp.sqrt(local**2 + edge**2), 2.0 / (2.0 - parameters[0]))

@@ -119,7 +119,9 @@ def test_half_sizes_are_those_of_the_bounding_box() -> None:
     for profile, parameters in KINDS[:6]:
         values = jnp.array([*PLACE[:6], 0.0, 0.0, 0.0, *parameters])
         reach = CavityShape(profile).reach(values, jnp.eye(3))
-        np.testing.assert_allclose(reach, values[:3] + HALF, rtol=1e-12)
+        # A superellipsoid's support function is softened where components are 0.
+        tolerance = 1e-12 if isinstance(profile, RoundedBox) else 3e-7
+        np.testing.assert_allclose(reach, values[:3] + HALF, atol=tolerance)
 
 
 def test_what_has_no_room_for_its_fillet_says_so() -> None:
