@@ -5,6 +5,7 @@ cluster on this computer listens on the loopback address only, with certificates
 as the sweep, and without a dashboard; and an address that is given must be trusted.
 """
 
+import asyncio
 import logging
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -66,6 +67,8 @@ def remote_cluster(address: str) -> "Iterator[Client]":
     with _dask():
         from distributed import Client
     try:
+        # A client that finds none stays half made: collected while another starts, it stops both for ever.
+        asyncio.run(_reach(address))
         client = Client(address, timeout=_ANSWER_S)
     except (OSError, ValueError) as error:
         raise SoftfuseError(
@@ -75,6 +78,13 @@ def remote_cluster(address: str) -> "Iterator[Client]":
         if not client.scheduler_info()["workers"]:
             log.warning("the scheduler at %s has no workers yet, waiting for them", address)
         yield client
+
+
+async def _reach(address: str) -> None:
+    """Raises OSError when nothing listens at an address, ValueError for what is none."""
+    from distributed.comm.core import connect
+
+    (await connect(address, timeout=_ANSWER_S)).abort()
 
 
 def solved(client: "Client", chunks: Sequence[Chunk]) -> Iterator[tuple[Chunk, list[list[Value]]]]:
