@@ -68,7 +68,7 @@ class MutualSplittingSettings(Settings):
     weakest: PositiveNumber = 0.45
     faintest: PositiveNumber = 0.08
     lift_sigma: PositiveNumber = 3.0
-    slide_sigma: PositiveNumber = 3.0
+    slide_sigma: PositiveNumber = 4.0
     wander: PositiveLength = 0.6e-3
 
 

@@ -97,7 +97,7 @@ def splitting(
     weakest: float = 0.45,
     faintest: float = 0.08,
     lift_sigma: float = 3.0,
-    slide_sigma: float = 3.0,
+    slide_sigma: float = 4.0,
     wander_m: float = 0.6e-3,
     iterations: int = 12,
 ) -> Splitting:
