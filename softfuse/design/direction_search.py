@@ -28,9 +28,9 @@ _FLAT = 1e-9
 """Length of a projected unit direction below which it has none."""
 
 _NOTHING = 1e-300
+"""Curvature that stands for none."""
 
 _NONE: Float[np.ndarray, "0 3"] = np.empty((0, 3))
-
 
 _POLISHING = 25
 """Steps of Newton's method, halved up to as many times as there are _HALVES."""
@@ -48,9 +48,7 @@ def polished(
     """
 
     def better(_, best):
-        first = jnp.cross(best, jnp.eye(3)[jnp.argmin(jnp.abs(best))])
-        first = first / jnp.linalg.norm(first)
-        tangents = jnp.stack([first, jnp.cross(best, first)])
+        (tangents,) = _tangents(best[None])
 
         def turned(along):
             direction = best + along @ tangents
@@ -85,9 +83,7 @@ def greatest(
     ring = jnp.concatenate([jnp.zeros((1, 2)), jnp.asarray(_RING)])
 
     def closer(k, best):
-        first = jnp.cross(best, jnp.eye(3)[jnp.argmin(jnp.abs(best), axis=1)])
-        first = first / jnp.linalg.norm(first, axis=1, keepdims=True)
-        tangents = jnp.stack([first, jnp.cross(best, first)], axis=1)
+        tangents = _tangents(best)
         cosine, sine = jnp.cos(_TURN * k), jnp.sin(_TURN * k)
         turned = ring @ jnp.array([[cosine, sine], [-sine, cosine]])
         around = best[:, None] + _FIRST_RING * _SHRINKING**k * jnp.einsum("sr,mri->msi", turned, tangents)
@@ -101,3 +97,10 @@ def greatest(
         return jnp.take_along_axis(around, chosen[:, None, None], axis=1)[:, 0]
 
     return jax.lax.stop_gradient(jax.lax.fori_loop(0, _ROUNDS, closer, start))
+
+
+def _tangents(directions: Float[Array, "m 3"]) -> Float[Array, "m 2 3"]:
+    """Two unit vectors across each unit direction (m, 3), and across each other."""
+    first = jnp.cross(directions, jnp.eye(3)[jnp.argmin(jnp.abs(directions), axis=1)])
+    first = first / jnp.linalg.norm(first, axis=1, keepdims=True)
+    return jnp.stack([first, jnp.cross(directions, first)], axis=1)

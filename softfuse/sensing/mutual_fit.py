@@ -232,9 +232,9 @@ def _follow(image: ImageCost, rule: Splitting):
     slots = known.there.shape[0]
     contact = known.there & known.contact
     # Row 0: as they were; row 1 + j: source j hovers; row 1 + slots + j: source j may be anywhere.
-    none, each = jnp.zeros((1, slots), bool), jnp.eye(slots, dtype=bool)
-    hovers = jnp.concatenate([none, each, none & each]) & contact
-    slides = jnp.concatenate([none, none & each, each]) & contact & known.pressed
+    none, each = jnp.zeros((slots, slots), bool), jnp.eye(slots, dtype=bool)
+    hovers = jnp.concatenate([none[:1], each, none]) & contact
+    slides = jnp.concatenate([none[:1], none, each]) & contact & known.pressed
     stays = contact & known.pressed & ~slides
     net = jnp.maximum(known.held - known.strength, 0.0)
     strength = jnp.where(hovers, net, known.strength)
@@ -274,8 +274,8 @@ def _afresh(alone: ImageCost, rule: Splitting, before: Known, z, guess: Guess):
         # Of the image alone: where something was expected has no say.
         free = eqx.tree_at(lambda g: (g.expected, g.stays), guess, (known.there, known.there))
         count = jnp.sum(guess.there)
-        further = jnp.maximum(count - followed, 0)
-        return alone.cost(z, free) + needed * (count - further) + rule.worth_sigma**2 * further
+        born = jnp.maximum(count - followed, 0)
+        return alone.cost(z, free) + needed * (count - born) + rule.worth_sigma**2 * born
 
     none = jnp.zeros_like(z).at[:, :2].set(known.place_m / alone.model.pitch_m)
     nobody = Guess(known.there, known.contact, known.held, known.there, known.there)

@@ -32,7 +32,7 @@ MOST_TRACKS = 5
 
 _CLOSE = 0.8  # pitches
 _COASTING_S = 0.5
-_SLIP_M_S = 0.3e-3  # per root of a second: how far a thing that presses may have slipped unseen
+_SLIP_M_PER_ROOT_S = 0.3e-3  # how far a thing that presses may slip unseen
 _STILL_M_S = 20e-3  # slower is rest: errors of places must not add up to a motion
 
 
@@ -273,7 +273,9 @@ def follow_touches(
         place_m=place,
         place_sigma_m=sigma,
         set_down_m=jnp.where(anew, place, tracks.set_down_m),
-        set_down_sigma_m=jnp.where(anew, sigma, jnp.sqrt(tracks.set_down_sigma_m**2 + _SLIP_M_S**2 * step)),
+        set_down_sigma_m=jnp.where(
+            anew, sigma, jnp.sqrt(tracks.set_down_sigma_m**2 + _SLIP_M_PER_ROOT_S**2 * step)
+        ),
         velocity_m_s=jnp.where(follows, kept * tracks.velocity_m_s + share * moved, jnp.zeros_like(moved)),
         touching=now,
         firm=firm ^ turn,
