@@ -119,7 +119,9 @@ def fit_pose(located: Located, prior: PosePrior, area_m: Float[np.ndarray, "a 2"
     """
     sigma = prior.sigma
 
-    ln_factors, parts = np.meshgrid(_LN_FACTORS, _PARTS, indexing="ij")
+    # Without dents that spread places there is one κ, 0.
+    likely_parts = len(_PARTS) if prior.dent_part > 0 else 1
+    ln_factors, parts = np.meshgrid(_LN_FACTORS, _PARTS[:likely_parts], indexing="ij")
 
     def likely(ln_factor: float, part: float) -> float:
         try:
@@ -130,7 +132,7 @@ def fit_pose(located: Located, prior: PosePrior, area_m: Float[np.ndarray, "a 2"
         unlikely = (ln_factor / prior.ln_factor) ** 2 + (part / max(prior.dent_part, 1e-12)) ** 2
         return found.ln_evidence - 0.5 * (ln_det + unlikely)
 
-    evidence = np.vectorize(likely)(ln_factors, parts) + np.log(_WIDTHS)
+    evidence = np.vectorize(likely)(ln_factors, parts) + np.log(_WIDTHS[:likely_parts])
     if not np.isfinite(evidence).any():
         raise SoftfuseError(
             "no spread explains where the electrodes placed the presses: check the true places, and that the "

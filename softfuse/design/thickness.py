@@ -54,9 +54,7 @@ def wall_thicknesses(layout: AbstractLayout, theta: Float[Array, " p"]) -> Float
     bodies = list(zip(layout.shapes, values, strict=True))
     sides = [layout.outline.offsets - shape.reach(v, jnp.asarray(NORMALS)) for shape, v in bodies]
 
-    def to_notch(first: CavityShape, second: CavityShape):
-        del second
-
+    def to_notch(first: CavityShape, _: CavityShape):
         def gap(v, corners):
             own = rotation(v[6:9]).T
             box = _box(corners[0], corners[1])

@@ -243,7 +243,7 @@ def follow_touches(
     hovers = lifted & (shield < follower.contact_on)
     gone = hovers | (touching & ~tracks.conducts & (coupling < follower.coupling_off))
     begins = jnp.where(contact, coupling > follower.coupling_on, shield > follower.contact_on)
-    counts = jnp.where(touching, gone | ~there, begins & there)
+    counts = jnp.where(touching, gone, begins & there)
     frames = jnp.where(counts, jnp.where(same, tracks.touch_frames, 0) + 1, 0)
     flip = frames >= jnp.where(touching, follower.off_frames, follower.on_frames)
     now = touching ^ flip
@@ -274,7 +274,7 @@ def follow_touches(
         place_sigma_m=sigma,
         set_down_m=jnp.where(anew, place, tracks.set_down_m),
         set_down_sigma_m=jnp.where(
-            anew, sigma, jnp.sqrt(tracks.set_down_sigma_m**2 + _SLIP_M_PER_ROOT_S**2 * step)
+            anew, sigma, jnp.sqrt(tracks.set_down_sigma_m**2 + _SLIP_M_PER_ROOT_S**2 * dt_s)
         ),
         velocity_m_s=jnp.where(follows, kept * tracks.velocity_m_s + share * moved, jnp.zeros_like(moved)),
         touching=now,
