@@ -5,10 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from softfuse.design.casting import Casting, casting, cavity_solids
 from softfuse.design.cavity_shape import CavityShape
 from softfuse.design.layout import Parameter, TiedLayout
 from softfuse.design.layout_mesh import Fineness, LayoutMesh, layout_mesh
 from softfuse.design.outline import Outline
+from softfuse.design.port import nearest_ports
 from softfuse.design.profile import AbstractProfile, RoundedBox
 from softfuse.mesh.pad import PadGeometry, finer_to_the_top
 
@@ -62,6 +64,25 @@ def twins() -> TiedLayout:
 def twin_mesh(twins: TiedLayout) -> LayoutMesh:
     """Some thousand nodes."""
     return layout_mesh(twins, twins.start, FINENESS)
+
+
+@pytest.fixture(scope="session")
+def pad() -> TiedLayout:
+    """The pad's four cavities, with fillets of 1 mm, one parameter for their half-widths along x."""
+    places = [(x, y) for x in (-0.017, 0.017) for y in (-0.017, 0.017)]
+    block = PadGeometry((0.08, 0.08, 0.018), (0.028, 0.028, 0.006), tuple(places), 0.006).block()
+    size = {"z": 0.009, "half x": 0.014, "half y": 0.014, "half z": 0.003, "fillet": 0.001}
+    cavities = [(CavityShape(RoundedBox()), {"x": x, "y": y, **size}) for x, y in places]
+    widths = {(k, "half x"): 1.0 for k in range(4)}
+    return TiedLayout.of(Outline.of(block), cavities, [Parameter("width", 0.014, 0.01, 0.016, adds=widths)])
+
+
+@pytest.fixture(scope="session")
+def pad_cast(pad: TiedLayout) -> Casting:
+    """The pad with rods of 1 mm radius that reach 6 mm out, curves within 20 µm."""
+    cavities = cavity_solids(pad, pad.start, 20e-6)
+    ports = nearest_ports(pad, pad.start, cavities, radius=0.001, wall=0.002, chord=20e-6)
+    return casting(pad, pad.start, ports, beyond=0.006, wall=0.002, chord=20e-6)
 
 
 @pytest.fixture
