@@ -9,6 +9,9 @@ notch in the block, the lower part has an undercut there when
 and the upper part in the same way along +z. Rods along x and y lie in the parting plane, half in each part;
 rods along z come off with the part that they stick in. Three pins on the lower part, none at the corner of
 high x and high y, let the upper part on in one way only.
+
+Cores are laid into the lower part, the upper part is put on, and the body is cast through the filling hole
+until the vent overflows. Walls along z have no draft: what is cast must give way, as silicone does.
 """
 
 from collections.abc import Sequence

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from softfuse.design.casting import casting
-from softfuse.design.casting_files import named_solids, read_solid, write_casting
+from softfuse.design.casting_files import named_solids, read_solid, solid_shell, write_casting
 from softfuse.design.mould import MouldShape, mould
 from softfuse.design.port import Port
 from softfuse.errors import MeshError, SoftfuseError
 from softfuse.mesh.files import read_surface
+from softfuse.mesh.surface import winding_number
 
 SHAPE = MouldShape(0.008, 0.002, 0.004, 0.0001, 0.0001, (-0.03, 0.03), 0.003, (0.03, -0.03), 0.001)
 
@@ -24,6 +25,27 @@ def test_files_are_the_solids_when_read_back(pad_cast, tmp_path) -> None:
         read = read_solid(file)
         assert read.volume() == pytest.approx(solid.volume(), rel=1e-6)
         np.testing.assert_allclose(read.bounding_box(), solid.bounding_box(), atol=1e-8)
+
+
+def test_surfaces_do_not_pass_through_themselves(pad_cast) -> None:
+    parts = mould(pad_cast, SHAPE)
+    random = np.random.default_rng(0)
+    for solid in (pad_cast.cores[0], parts.lower, parts.upper):
+        shell = solid_shell(solid)
+        low, high = np.reshape(solid.bounding_box(), (2, 3))
+        anywhere = low + (high - low) * random.random((300, 3))
+        a, b, c = (shell.nodes[shell.faces[:, k]] for k in range(3))
+        normals = np.cross(b - a, c - a)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        some = random.choice(len(a), 300)
+        middles, out = ((a + b + c) / 3.0)[some], 2e-7 * normals[some]
+        turns = [
+            winding_number(p, shell.nodes, shell.faces) for p in (middles - out, middles + out, anywhere)
+        ]
+        # Once around what is inside, never around what is outside: no part of it is covered twice.
+        np.testing.assert_allclose(turns[0], 1.0, atol=1e-6)
+        np.testing.assert_allclose(turns[1], 0.0, atol=1e-6)
+        np.testing.assert_allclose(turns[2], np.clip(np.round(turns[2]), 0.0, 1.0), atol=1e-6)
 
 
 def test_a_file_is_in_millimetres_and_closed_for_others(pad_cast, tmp_path) -> None:
