@@ -1,6 +1,7 @@
 """Drawn layouts: meshed as fine as asked, and made with errors as a test bed is."""
 
 from dataclasses import replace
+from math import radians
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +12,7 @@ from softfuse.design.layout_drawing import LayoutDrawing
 from softfuse.design.profile import FreeForm, RoundedBox, Superellipsoid
 from softfuse.errors import MeshError
 from softfuse.experiment.virtual_pad import PadErrors, PadSettings, virtual_pad
+from softfuse.functional.material_points import MaterialPoints
 from softfuse.mesh.orientation import check
 from softfuse.mesh.quality import curved_mean_ratios
 from softfuse.mesh.surface import outer_surface
@@ -29,6 +31,21 @@ FOUR = LayoutDrawing(
     ),
 )
 """Every profile, some turned."""
+OTHERS = LayoutDrawing(
+    (0.08, 0.08, 0.018),
+    (
+        (
+            CavityShape(RoundedBox()),
+            (-0.017, -0.017, 0.009, 0.014, 0.013, 0.003, 0.0, 0.0, radians(5), 0.001),
+        ),
+        (CavityShape(Superellipsoid()), (-0.017, 0.017, 0.009, 0.014, 0.014, 0.003, 0.0, 0.0, 0.0, 0.3)),
+        (
+            CavityShape(FreeForm(Superellipsoid(), 2)),
+            (0.017, -0.017, 0.009, 0.013, 0.014, 0.003, 0.0, 0.0, 0.0, 0.4, 0.0, 0.0, 0.02, 0.0, 0.01),
+        ),
+        (CavityShape(RoundedBox()), (0.017, 0.017, 0.009, 0.014, 0.014, 0.003, 0.0, 0.0, 0.0, 0.0005)),
+    ),
+)
 EGG = LayoutDrawing(
     (0.04, 0.04, 0.018),
     ((CavityShape(Superellipsoid()), (0.001, 0.0, 0.009, 0.012, 0.01, 0.004, 0.0, 0.0, 0.1, 1.0)),),
@@ -43,6 +60,16 @@ def test_edges_that_would_turn_tetrahedra_inside_out_are_less_curved() -> None:
     np.testing.assert_array_equal(
         FOUR.centres()[:, :2], 0.017 * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
     )
+
+
+def test_a_point_is_found_in_the_curved_elements_of_a_layout() -> None:
+    # The ninth element by how far it is inside those with straight edges is the one that holds it.
+    point = np.array([[-0.03, 0.003, 0.0165]])
+    settings = PadSettings(OTHERS, 0.2e6, surface_size=0.01, base_size=0.012, growth=0.5)
+    body = virtual_pad(settings).body
+    found = MaterialPoints.embedded(body, point)
+    carried = np.einsum("ga,gai->gi", found.shape(body.rest), np.asarray(body.rest)[np.asarray(found.nodes)])
+    np.testing.assert_allclose(carried, point, atol=1e-12)
 
 
 def test_a_drawing_without_volume_is_refused() -> None:
