@@ -8,12 +8,15 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import Field, model_validator
 
 from softfuse.body.stiffness_field import TERMS
+from softfuse.config.cavity_shapes import AnyCavityShape
 from softfuse.config.material import Material
 from softfuse.config.quantity import Acceleration, Length, LengthUnit, Number, PositiveLength, wrong_value
 from softfuse.config.settings import ExistingFile, NotEmpty, Settings, Span, Vector
+from softfuse.design.layout_drawing import LayoutDrawing
+from softfuse.mesh.drawing import AbstractBlockDrawing
 from softfuse.mesh.files import read_mesh, read_surface
 from softfuse.mesh.finger import FingerGeometry, finger_mesh
-from softfuse.mesh.pad import PadGeometry, pad_mesh
+from softfuse.mesh.pad import PadGeometry
 from softfuse.mesh.tetmesh import TetMesh
 from softfuse.mesh.tetrahedralise import tetrahedralise
 
@@ -35,32 +38,45 @@ class BodySource(Settings):
         """Raise the error of a validator when [[cavity]] asks for centres (k, 3) m that can never be."""
 
 
-class PadSource(BodySource):
-    """A block with equal box-shaped cavities; z from 0 at its bottom, x and y centred (softfuse/mesh/pad.py).
+class BlockSource(BodySource):
+    """A block of a size (3,) m with cavities where [[cavity]] says; z from 0 at its bottom, x and y centred.
 
-    size, cavity_size: (3,) m. The cavities stand where [[cavity]] says, all at the same height. Lengths of
-    the mesh's edges: at most surface_size m at the top and fine_depth m below it, growing by growth m per m
-    from there; the grid under it has boxes of at most base_size m.
+    Lengths of the mesh's edges: at most surface_size m at the top and fine_depth m below it, growing by
+    growth m per m from there; the grid under it has boxes of at most base_size m.
     """
 
-    type: Literal["pad"]
     size: Size
-    cavity_size: Size
     surface_size: PositiveLength
     base_size: PositiveLength
     growth: Annotated[Number, Ge(0)] = 1.0
     fine_depth: Annotated[Length, Ge(0)] = 0.0
 
+    @abstractmethod
+    def drawing(self, cavity_centres: Sequence[Vector]) -> AbstractBlockDrawing:
+        """The block with cavities at these centres (k, 3) m, which `check_cavities` has seen."""
+
     def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
-        """The pad with cavities at the centres (k, 3) m; see `pad_mesh` for the errors."""
-        geometry = PadGeometry(
+        """The drawing's, as fine as configured."""
+        return self.drawing(cavity_centres).mesh(
+            self.surface_size, self.base_size, growth=self.growth, fine_depth=self.fine_depth
+        )
+
+
+class PadSource(BlockSource):
+    """A block with equal box-shaped cavities of a cavity_size (3,) m, all at the same height
+    (softfuse/mesh/pad.py).
+    """
+
+    type: Literal["pad"]
+    cavity_size: Size
+
+    def drawing(self, cavity_centres):
+        """The pad with cavities at the centres (k, 3) m."""
+        return PadGeometry(
             size=self.size,
             cavity_size=self.cavity_size,
             cavity_centres=tuple(centre[:2] for centre in cavity_centres),
             cavity_z_bottom=cavity_centres[0][2] - 0.5 * self.cavity_size[2],
-        )
-        return pad_mesh(
-            geometry, self.surface_size, self.base_size, growth=self.growth, fine_depth=self.fine_depth
         )
 
     def check_cavities(self, centres: Sequence[Vector]) -> None:
@@ -70,6 +86,32 @@ class PadSource(BodySource):
         for k, centre in enumerate(centres):
             if abs(centre[2] - centres[0][2]) > 1e-9:
                 raise wrong_value("the cavities of a pad are all at one height", key=f"cavity[{k}].centre[2]")
+
+
+class LayoutSource(BlockSource):
+    """A block with cavities of any shape, each with a table in the order of [[cavity]], which has its centre
+    (softfuse/design/layout_drawing.py).
+    """
+
+    type: Literal["layout"]
+    shapes: Annotated[tuple[AnyCavityShape, ...], NotEmpty] = Field(alias="shape")
+
+    def drawing(self, cavity_centres):
+        """The layout with cavities at the centres (k, 3) m."""
+        parts = zip(self.shapes, cavity_centres, strict=True)
+        return LayoutDrawing(
+            size=self.size,
+            cavities=tuple((each.shape, tuple(each.values(centre).values())) for each, centre in parts),
+        )
+
+    def check_cavities(self, centres: Sequence[Vector]) -> None:
+        """There are as many shapes as cavities."""
+        if len(self.shapes) != len(centres):
+            raise wrong_value(
+                f"{len(self.shapes)} shapes for {len(centres)} cavities: give one for each [[cavity]], in "
+                "their order",
+                key="body.source.shape",
+            )
 
 
 class FingerSource(BodySource):
@@ -139,7 +181,9 @@ class MeshSource(BodySource):
         return read_mesh(self.file, scale=self.unit)
 
 
-Source = Annotated[PadSource | FingerSource | SurfaceSource | MeshSource, Field(discriminator="type")]
+Source = Annotated[
+    PadSource | LayoutSource | FingerSource | SurfaceSource | MeshSource, Field(discriminator="type")
+]
 
 
 class FixedSettings(Settings):

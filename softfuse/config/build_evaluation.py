@@ -56,7 +56,7 @@ class Bed:
 def build_bed(config: DeviceConfig, *, grid: int, seed: int) -> Bed:
     """The pad's presses on a grid of `grid` times `grid` places at three forces, or the finger's pushes.
 
-    Raises ConfigError when the config is none of a pad or a finger with sensors.
+    Raises ConfigError when the config is none of a pad, a layout or a finger with sensors.
     """
     plan = build_plan(config)
     if isinstance(plan, FingerPlan):

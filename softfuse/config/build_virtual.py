@@ -8,7 +8,7 @@ errors of making and the zeros of the sensors are its own, so that the estimator
 from dataclasses import dataclass
 from pathlib import Path
 
-from softfuse.config.body import FingerSource, PadSource
+from softfuse.config.body import BlockSource, FingerSource
 from softfuse.config.build_material import build_materials
 from softfuse.config.build_virtual_finger import FingerPlan, finger_plan
 from softfuse.config.build_virtual_pad import PadPlan, pad_plan
@@ -35,8 +35,8 @@ def build_virtual(config: DeviceConfig, *, folder: Path | None, seed: int) -> Vi
     """A virtual body for the config, whose equilibria are kept in a folder; None: nowhere.
 
     seed: of the zeros and gains of its sensors; the body is always the same. Raises ConfigError when the
-    config is none of a pad or a finger with sensors, MeshError or SolveError when it cannot be made or
-    pressed.
+    config is none of a pad, a layout or a finger with sensors, MeshError or SolveError when it cannot be
+    made or pressed.
     """
     plan = build_plan(config)
     programme = plan.programme(folder)
@@ -60,8 +60,10 @@ def build_plan(config: DeviceConfig) -> PadPlan | FingerPlan:
     shear = float(material.shear_modulus())
     poisson = 0.5 * float(material.lame) / (float(material.lame) + shear)
     match config.body.source:
-        case PadSource():
+        case BlockSource():
             return pad_plan(config, config.body.source, shear, poisson)
         case FingerSource():
             return finger_plan(config, config.body.source, shear, poisson)
-    raise ConfigError(f'{config.path}: body.source.type: only a "pad" and a "finger" have virtual bodies')
+    raise ConfigError(
+        f'{config.path}: body.source.type: only a "pad", a "layout" and a "finger" have virtual bodies'
+    )

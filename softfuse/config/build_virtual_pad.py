@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.config.body import PadSource
+from softfuse.config.body import BlockSource
 from softfuse.config.contact import DiscSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.config.mutual import MutualSettings
@@ -30,7 +30,6 @@ from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadTouches, one_after_the_other
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_pad import PadSettings, Touch
-from softfuse.mesh.pad import PadGeometry
 from softfuse.sensing.mutual_model import mean_pitch
 
 _PLACES = ((0.6, 0.5), (-0.5, 0.1), (0.1, -0.7), (-0.8, -0.8))
@@ -79,7 +78,7 @@ class PadPlan:
         return self.parts.channels(len(self.flows), len(self.electrodes), seed)
 
 
-def pad_plan(config: DeviceConfig, source: PadSource, shear_modulus: float, poisson: float) -> PadPlan:
+def pad_plan(config: DeviceConfig, source: BlockSource, shear_modulus: float, poisson: float) -> PadPlan:
     """The plan for a pad of a shear modulus [Pa] and Poisson's ratio [-]; raises ConfigError for another
     contact than a disc from above, or other sensors.
     """
@@ -89,19 +88,12 @@ def pad_plan(config: DeviceConfig, source: PadSource, shear_modulus: float, pois
         raise ConfigError(f"{config.path}: contact: a virtual pad is pressed by a disc along [0, 0, -1]")
     flow = sensors.flow
     electrodes = _electrodes(sensors, contact.radius)
-    centres = [cavity.centre for cavity in config.cavities]
-    drawing = PadGeometry(
-        size=source.size,
-        cavity_size=source.cavity_size,
-        cavity_centres=tuple((x, y) for x, y, _ in centres),
-        cavity_z_bottom=centres[0][2] - 0.5 * source.cavity_size[2],
-    )
     forces = tuple(share * contact.max_force for share in _LEVELS)
     places = within(contact, _PLACES)
     length = max(source.size[:2])
     return PadPlan(
         PadSettings(
-            drawing,
+            source.drawing([cavity.centre for cavity in config.cavities]),
             shear_modulus,
             poisson,
             surface_size=_SURFACE * length,

@@ -8,9 +8,9 @@ between walls and skin follow harmonically,
     X(θ) = X_boxes + H (x_walls(θ) − X_boxes,walls),     H (nodes, walls) the extension, 0 on the skin.
 
 Nodes in the middle of edges on walls belong to the surface too, so that faces are curved and the volume
-inside them is nearly that of the cavity; where an edge bridges a narrow fillet, they stay nearer to its
-chord. When the tetrahedra are no longer well shaped at θ, a mesh that is made for that θ goes on from there:
-the parameters stay what they are.
+inside them is nearly that of the cavity; where an edge bridges a narrow fillet, or a tetrahedron would turn
+inside out, they stay nearer to its chord. When the tetrahedra are no longer well shaped at θ, a mesh that is
+made for that θ goes on from there: the parameters stay what they are.
 
 Faces of boxes that look the same way and lie nearly in a plane are put into one plane, so that no thin slices
 arise between them: the boxes are only where the mesh comes from.
@@ -40,6 +40,12 @@ _ONE_PLANE = 0.3
 
 _BULGE = 0.1
 """Largest height of a curved edge over its chord, as a part of the chord's length, when a mesh is made."""
+
+_FLAT = 0.05
+"""Mean ratio below which curved edges of a tetrahedron are brought nearer to their chords."""
+
+_HALVINGS = 6
+"""Times that they are brought half as near."""
 
 _WORN = 0.5
 """Part of the mesh's least quality when it was made below which a new one is due."""
@@ -134,6 +140,7 @@ def layout_mesh(
         walls=tuple(walls),
         made_quality=1.0,
     )
+    made = _straightened(made, theta)
     _check(made.mesh(theta))
     return replace(made, made_quality=made.quality(theta))
 
@@ -210,6 +217,21 @@ def _curving(surface: Float[np.ndarray, "w 3"], ends: Int[np.ndarray, "w 2"]) ->
     allowed = _BULGE * np.linalg.norm(chord[:, 1] - chord[:, 0], axis=1)
     height = np.linalg.norm(surface - chord.mean(axis=1), axis=1)
     return np.divide(allowed, height, out=np.ones_like(height), where=height > allowed)
+
+
+def _straightened(made: LayoutMesh, theta: Float[Array, " p"]) -> LayoutMesh:
+    """Edges of walls half as curved, and again, as long as their tetrahedra are flat or inside out."""
+    place = np.full(len(made.boxes), -1)
+    place[made.wall] = np.arange(len(made.wall))
+    for _ in range(_HALVINGS):
+        mesh = made.mesh(theta)
+        flat = curved_mean_ratios(mesh) < _FLAT
+        if not flat.any():
+            break
+        middles = np.unique(place[mesh.tets[flat, 4:]])
+        less = made.curving.at[middles[middles >= 0]].multiply(0.5)
+        made = replace(made, curving=less)
+    return made
 
 
 def _check(mesh: TetMesh) -> None:

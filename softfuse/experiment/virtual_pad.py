@@ -4,7 +4,7 @@ It differs from the drawing in what an estimator does not know: Yeoh silicone th
 cavities that are off their places and sizes, and its own mesh. The errors are uniform in ± their bound, drawn
 from `seed`. It is pressed by a rigid flat round punch straight down (`equilibrium.punch`), bare or through a
 skin, slowly; no gravity, no viscosity. z runs from the fixed bottom to the top, x and y are centred (see
-`mesh.pad`).
+`mesh.drawing`).
 """
 
 from collections.abc import Callable
@@ -29,8 +29,8 @@ from softfuse.functional.cavity import Cavity
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material.silicones import silicone_of_stiffness
+from softfuse.mesh.drawing import AbstractBlockDrawing
 from softfuse.mesh.morph import reshaped_cavities
-from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
 from softfuse.mesh.tetmesh import quadratic
 
@@ -56,7 +56,7 @@ class PadSettings:
     coarse mesh cannot tell many apart, and there is no equilibrium.
     """
 
-    drawing: PadGeometry
+    drawing: AbstractBlockDrawing
     shear_modulus: float
     poisson: float = 0.49
     silicone: str = "dragon skin 30"
@@ -118,10 +118,10 @@ def virtual_pad(settings: PadSettings) -> VirtualPad:
     """
     rng, bound = np.random.default_rng(settings.errors.seed), settings.errors
     centres = settings.drawing.centres()
-    straight = pad_mesh(settings.drawing, settings.surface_size, settings.base_size, growth=settings.growth)
+    drawn = settings.drawing.mesh(settings.surface_size, settings.base_size, growth=settings.growth)
     shifts = rng.uniform(-bound.cavity_place, bound.cavity_place, centres.shape)
     growths = rng.uniform(-bound.cavity_size, bound.cavity_size, centres.shape)
-    mesh = quadratic(reshaped_cavities(straight, shifts, growths, centres=centres))
+    mesh = quadratic(reshaped_cavities(drawn, shifts, growths, centres=centres))
     law = silicone_of_stiffness(settings.silicone, settings.shear_modulus, settings.poisson)
     bottom = mesh.nodes[:, 2] <= 1e-9 * settings.drawing.size[2]
     body = Body.from_mesh(mesh, (law,), bottom, element=TAYLOR_HOOD)

@@ -16,6 +16,7 @@ from softfuse.body.shape import linear, quadratic
 from softfuse.errors import MeshError
 
 _NEWTON_STEPS = 6
+_CANDIDATES = 32  # elements that are looked at: in the mesh of a layout the ninth was met as the right one
 _OUTSIDE = 1e-6  # barycentric: a point so little outside an element counts as inside
 
 
@@ -62,7 +63,7 @@ class MaterialPoints(eqx.Module):
             flat = np.linalg.solve(edges, (point - corner[:, 0])[..., None])[..., 0]
             inside = np.minimum(flat.min(axis=1), 1 - flat.sum(axis=1))
             # An element with curved edges may hold the point although its corners' tetrahedron does not.
-            near = np.argsort(-inside)[:8]
+            near = np.argsort(-inside)[:_CANDIDATES]
             local = np.asarray(_locals(rest[tets[near]], point))
             depth = np.minimum(local.min(axis=1), 1 - local.sum(axis=1))
             best = int(np.argmax(depth))

@@ -5,6 +5,9 @@ given on the walls of the cavities: d = s + g (X − X_m)/L for a shift s and a 
 the bounding box of middle X_m and size L (by component), solved with linear elements: Σ V ∇N_a · ∇N_b d_b
 = 0. It is linear in s and g, through four fields of each cavity. The topology stays, hence so do the numbers
 of nodes and tetrahedra, and quantities before and after can be compared one by one.
+
+Of a quadratic mesh, nodes in the middle of edges are given d too where they lie on walls, and the mean of
+their ends elsewhere: curved walls keep their shape, a quadric stays one.
 """
 
 import numpy as np
@@ -15,13 +18,13 @@ from scipy.sparse.linalg import splu
 from softfuse.errors import MeshError
 from softfuse.mesh.orientation import check
 from softfuse.mesh.surface import cavities, outer_surface
-from softfuse.mesh.tetmesh import EDGES, TetMesh, linear, quadratic, tet_mesh, volumes
+from softfuse.mesh.tetmesh import EDGES, TetMesh, linear, tet_mesh, volumes
 
 
 def moved_cavities(
     mesh: TetMesh, shifts: Float[np.ndarray, "k 3"], *, centres: Float[np.ndarray, "k 3"] | None = None
 ) -> TetMesh:
-    """The mesh with cavity k shifted by shifts[k] (k, 3) m and the skin in place; its edges are straight.
+    """The mesh with cavity k shifted by shifts[k] (k, 3) m and the skin in place.
 
     centres (k, 3) m tell which cavity is which, see `cavities`. Raises MeshError when a shift turns a
     tetrahedron over or the number of shifts is not that of the cavities.
@@ -37,26 +40,25 @@ def reshaped_cavities(
     centres: Float[np.ndarray, "k 3"] | None = None,
 ) -> TetMesh:
     """The mesh with cavity k shifted by shifts[k] and longer by growths[k] (k, 3) m along x, y, z, the skin
-    in place; its edges are straight.
+    in place.
 
     centres (k, 3) m and errors raised: see `moved_cavities`.
     """
-    fields = wall_fields(linear(mesh), centres=centres)
+    fields = wall_fields(mesh, centres=centres)
     for given, what in ((shifts, "shifts"), (growths, "growths")):
         if len(given) != len(fields):
             raise MeshError(f"{len(given)} {what} are given for {len(fields)} cavities: give one for each")
-    corners = linear(mesh)
     displacement = np.einsum("ki,kn->ni", shifts, fields[:, 0]) + np.einsum(
         "ki,kin->ni", growths, fields[:, 1:]
     )
-    moved = tet_mesh(corners.nodes + displacement, corners.tets, region=mesh.region)
+    moved = tet_mesh(mesh.nodes + displacement, mesh.tets, region=mesh.region)
     try:
         check(moved)
     except MeshError as error:
         raise MeshError(
             f"the cavities are shifted too far or grown too much ({error}): mesh the new layout"
         ) from error
-    return moved if mesh.order == 1 else quadratic(moved)
+    return moved
 
 
 def wall_fields(
@@ -66,29 +68,28 @@ def wall_fields(
     of cavity k first 1, what a shift by 1 m moves along its axis; then (X − X_m)/L along x, y and z, what a
     growth by 1 m moves along the same axis.
 
-    centres (k, 3) m tell which cavity is which, see `cavities`. Nodes in the middle of edges have the mean of
-    their ends.
+    centres (k, 3) m tell which cavity is which, see `cavities`.
     """
-    corners = linear(mesh)
-    walls = cavities(corners, centres)
+    walls = cavities(mesh, centres)
+    fields = np.zeros((len(walls), 4, len(mesh.nodes)))
     if not walls:
-        return np.zeros((0, 4, len(mesh.nodes)))
-    fields = np.zeros((len(walls), 4, len(corners.nodes)))
+        return fields
     for wall, field in zip(walls, fields, strict=True):
         nodes = np.unique(wall.faces)
-        x = corners.nodes[nodes]
+        x = mesh.nodes[nodes]
         low, high = x.min(axis=0), x.max(axis=0)
         field[0, nodes] = 1.0
         field[1:, nodes] = ((x - 0.5 * (low + high)) / (high - low)).T
-    held = np.unique(np.concatenate([part.faces for part in (outer_surface(corners), *walls)]))
+    boundary = [part.faces for part in (outer_surface(mesh), *walls)]
+    held = np.unique(np.concatenate([faces[:, :3] for faces in boundary]))
     given = fields[..., held].reshape(4 * len(walls), -1).T
-    fields = harmonic_extension(corners, held, given).T.reshape(len(walls), 4, -1)
-    if mesh.order == 1:
-        return fields
-    whole = np.empty((len(walls), 4, len(mesh.nodes)))
-    whole[..., : mesh.n_corners] = fields
-    whole[..., mesh.tets[:, 4:]] = fields[..., mesh.tets[:, EDGES]].mean(axis=-1)
-    return whole
+    corners = harmonic_extension(linear(mesh), held, given).T
+    fields[..., : mesh.n_corners] = corners.reshape(len(walls), 4, -1)
+    if mesh.order == 2:
+        inner = ~np.isin(mesh.tets[:, 4:], np.concatenate(boundary))
+        ends = mesh.tets[:, EDGES][inner]
+        fields[..., mesh.tets[:, 4:][inner]] = fields[..., ends].mean(axis=-1)
+    return fields
 
 
 def harmonic_extension(

@@ -16,11 +16,12 @@ from jaxtyping import Float
 
 from softfuse.errors import MeshError
 from softfuse.mesh.block import Block, block_mesh, centred_boxes
+from softfuse.mesh.drawing import AbstractBlockDrawing
 from softfuse.mesh.tetmesh import TetMesh
 
 
 @dataclass(frozen=True)
-class PadGeometry:
+class PadGeometry(AbstractBlockDrawing):
     """Block size (3,) m; size (3,) m, centres (k, 2) m and floor height in m of its cavities."""
 
     size: tuple[float, float, float]
@@ -47,6 +48,10 @@ class PadGeometry:
     def volume(self) -> float:
         """Volume of the material in m³."""
         return self.block().volume()
+
+    def mesh(self, surface_size, base_size, *, growth=1.0, fine_depth=0.0):
+        """Linear tetrahedra; see `pad_mesh`."""
+        return pad_mesh(self, surface_size, base_size, growth=growth, fine_depth=fine_depth)
 
 
 def pad_mesh(

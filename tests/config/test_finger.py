@@ -88,7 +88,11 @@ def test_a_solid_finger_needs_no_cavities(write_finger: Write, finger_text: str)
         ('neck_length = "12 mm"', 'neck_length = "0 mm"', 'neck_length: "0 mm" must be greater than 0'),
         ("growth = 2.0", "growth = -1.0", "growth: -1.0 must be greater than or equal to 0"),
         ("neck_height =", "neck_hight =", 'neck_hight: unknown key, did you mean "neck_height"?'),
-        ('type = "finger"', 'type = "thumb"', 'type: "thumb" is none of "pad", "finger", "surface", "mesh"'),
+        (
+            'type = "finger"',
+            'type = "thumb"',
+            'type: "thumb" is none of "pad", "layout", "finger", "surface", "mesh"',
+        ),
     ],
 )
 def test_a_mistake_is_told_with_its_key(write_finger: Write, old: str, new: str, told: str) -> None:

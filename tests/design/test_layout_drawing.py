@@ -1,0 +1,98 @@
+"""Drawn layouts: meshed as fine as asked, and made with errors as a test bed is."""
+
+from dataclasses import replace
+from math import radians
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.design.cavity_shape import CavityShape
+from softfuse.design.layout_drawing import LayoutDrawing
+from softfuse.design.profile import FreeForm, RoundedBox, Superellipsoid
+from softfuse.errors import MeshError
+from softfuse.experiment.virtual_pad import PadErrors, PadSettings, virtual_pad
+from softfuse.functional.material_points import MaterialPoints
+from softfuse.mesh.orientation import check
+from softfuse.mesh.quality import curved_mean_ratios
+from softfuse.mesh.surface import outer_surface
+
+HALF = (0.014, 0.012, 0.003)
+FOUR = LayoutDrawing(
+    (0.08, 0.08, 0.018),
+    (
+        (CavityShape(RoundedBox()), (-0.017, -0.017, 0.009, *HALF, 0.0, 0.0, 0.17, 0.002)),
+        (CavityShape(Superellipsoid()), (-0.017, 0.017, 0.009, *HALF, 0.0, 0.0, 0.0, 0.5)),
+        (
+            CavityShape(FreeForm(Superellipsoid(), 2)),
+            (0.017, -0.017, 0.009, *HALF, 0.0, 0.09, -0.09, 0.3, 0.02, 0.0, 0.01, 0.0, -0.03),
+        ),
+        (CavityShape(RoundedBox()), (0.017, 0.017, 0.009, *HALF, 0.0, 0.0, 0.0, 0.001)),
+    ),
+)
+"""Every profile, some turned."""
+OTHERS = LayoutDrawing(
+    (0.08, 0.08, 0.018),
+    (
+        (
+            CavityShape(RoundedBox()),
+            (-0.017, -0.017, 0.009, 0.014, 0.013, 0.003, 0.0, 0.0, radians(5), 0.001),
+        ),
+        (CavityShape(Superellipsoid()), (-0.017, 0.017, 0.009, 0.014, 0.014, 0.003, 0.0, 0.0, 0.0, 0.3)),
+        (
+            CavityShape(FreeForm(Superellipsoid(), 2)),
+            (0.017, -0.017, 0.009, 0.013, 0.014, 0.003, 0.0, 0.0, 0.0, 0.4, 0.0, 0.0, 0.02, 0.0, 0.01),
+        ),
+        (CavityShape(RoundedBox()), (0.017, 0.017, 0.009, 0.014, 0.014, 0.003, 0.0, 0.0, 0.0, 0.0005)),
+    ),
+)
+EGG = LayoutDrawing(
+    (0.04, 0.04, 0.018),
+    ((CavityShape(Superellipsoid()), (0.001, 0.0, 0.009, 0.012, 0.01, 0.004, 0.0, 0.0, 0.1, 1.0)),),
+)
+
+
+def test_edges_that_would_turn_tetrahedra_inside_out_are_less_curved() -> None:
+    # With the edges of walls curved as the cavities are, this is one of the meshes with inverted tetrahedra.
+    mesh = FOUR.mesh(0.01, 0.012, growth=0.5)
+    check(mesh)
+    assert curved_mean_ratios(mesh).min() > 0.05
+    np.testing.assert_array_equal(
+        FOUR.centres()[:, :2], 0.017 * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+    )
+
+
+def test_a_point_is_found_in_the_curved_elements_of_a_layout() -> None:
+    # The ninth element by how far it is inside those with straight edges is the one that holds it.
+    point = np.array([[-0.03, 0.003, 0.0165]])
+    settings = PadSettings(OTHERS, 0.2e6, surface_size=0.01, base_size=0.012, growth=0.5)
+    body = virtual_pad(settings).body
+    found = MaterialPoints.embedded(body, point)
+    carried = np.einsum("ga,gai->gi", found.shape(body.rest), np.asarray(body.rest)[np.asarray(found.nodes)])
+    np.testing.assert_allclose(carried, point, atol=1e-12)
+
+
+def test_a_drawing_without_volume_is_refused() -> None:
+    with pytest.raises(MeshError, match="the block has no volume"):
+        replace(EGG, size=(0.0, 0.04, 0.018)).layout()
+
+
+def test_a_cavity_with_errors_of_making_is_as_round_as_drawn() -> None:
+    settings = PadSettings(EGG, 0.2e6, surface_size=0.012, base_size=0.012, errors=PadErrors(0.0, 0.0))
+    drawn = virtual_pad(settings)
+    made = virtual_pad(replace(settings, errors=PadErrors(0.3e-3, 0.2e-3, seed=5)))
+    wall = np.unique(drawn.cavities[0].faces)
+    before, after = (np.asarray(pad.body.rest) for pad in (drawn, made))
+    low, high = before[wall].min(axis=0), before[wall].max(axis=0)
+    size = np.ptp(after[wall], axis=0)
+    shift = 0.5 * (after[wall].max(axis=0) + after[wall].min(axis=0) - low - high)
+    assert 1e-6 < np.abs(shift).max() <= 0.3e-3
+    assert 1e-6 < np.abs(size - (high - low)).max() <= 0.2e-3
+    moved = 0.5 * (low + high) + shift + (before[wall] - 0.5 * (low + high)) * size / (high - low)
+    np.testing.assert_allclose(after[wall], moved, atol=1e-12)
+    stretch = float(np.prod(size / (high - low)))
+    assert float(made.volumes(jnp.asarray(after))[0]) == pytest.approx(
+        float(drawn.volumes(jnp.asarray(before))[0]) * stretch, rel=1e-9
+    )
+    skin = outer_surface(EGG.mesh(0.012, 0.012)).faces
+    np.testing.assert_array_equal(after[skin], before[skin])
