@@ -113,6 +113,19 @@ def plain_device() -> Device:
 
 
 @pytest.fixture(scope="session")
+def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The pad's config on the coarsest mesh, which is compiled soonest."""
+    text = (Path(__file__).parents[1] / "configs" / "pad.toml").read_text(encoding="utf-8")
+    for key, value in (("surface_size", "30 mm"), ("base_size", "28 mm"), ("fine_depth", "0 mm")):
+        start = text.index(f"{key} = ")
+        end = text.index('"', text.index('"', start) + 1)
+        text = f'{text[:start]}{key} = "{value}{text[end:]}'
+    path = tmp_path_factory.mktemp("config") / "coarse.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture(scope="session")
 def coarse_finger(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Writes configs/finger.toml with a coarse mesh and, `coarse_finger((old, new), ...)`, more replaced."""
     whole = (Path(__file__).parents[1] / "configs" / "finger.toml").read_text(encoding="utf-8")

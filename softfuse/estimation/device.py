@@ -69,6 +69,14 @@ class Device(eqx.Module):
         internal = state.internal[state.internal.shape[0] - attached.sizes.internal :]
         return attached.conjugate(force, internal, attached.values(self.body, state.z))
 
+    def depth(self, places: Sequence[Array] | Array, state: State) -> Float[Array, ""]:
+        """How far the first of contacts at places (c, ...) has sunk in [m], the mean of an electrode's
+        patches.
+        """
+        touching = Loads((self.contact.load(self.body, places[0]),))
+        force, internal = state.force[: touching.sizes.forces], state.internal[: touching.sizes.internal]
+        return jnp.mean(touching.conjugate(force, internal, touching.values(self.body, state.z)))
+
 
 def with_body(device: Device, body: AbstractBody) -> Device:
     """The same device of a body with other rest nodes or materials, in which its gas was sealed."""

@@ -14,18 +14,15 @@ import logging
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from softfuse.equilibrium.newton import tangent_at
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.atlas import Atlas
 from softfuse.estimation.device import Device
 from softfuse.estimation.model_error import missed, whitening
-from softfuse.estimation.motion import motion
+from softfuse.estimation.rest_response import rest_response
 
 log = logging.getLogger(__name__)
 
@@ -37,27 +34,13 @@ _CLEARLY = 9.0
 """By how much χ² has to be less elsewhere for the search to begin anew there."""
 
 
-@eqx.filter_jit
-def _slopes(device: Device, places: Float[jax.Array, "s 3"]) -> Float[jax.Array, "s k"]:
-    """∂s/∂F (s, k) [1/N] of one contact at each place, alone on the body at rest."""
-    first = places[:1]
-    inverse = tangent_at(device.linear, device.body, device.loads(first), device.rest_state(first))
-
-    def slope(place):
-        at = place[None]
-        moving = motion(device, inverse, device.rest_state(at), at, by_place=False, refinements=0)
-        return moving.derivative(device.reading)[1][:, 0]
-
-    return jax.lax.map(slope, places)
-
-
 def _slopes_on_charts(atlas: Atlas, places: Float[np.ndarray, "s 3"]) -> Float[np.ndarray, "s k"]:
-    """The same, each place on the chart of its region."""
+    """∂s/∂F (s, k) [SI/N] at rest, each place on the chart of its region."""
     each = []
     for place in places:
         number = atlas.regions.find(place)
         device = atlas.full if number is None else atlas.chart(number).device
-        each.append(np.asarray(_slopes(device, jnp.asarray(place)[None]))[0])
+        each.append(np.asarray(rest_response(device, jnp.asarray(place)[None]).by_force)[0])
     return np.array(each)
 
 
@@ -84,7 +67,7 @@ class ReadingPattern:
             except SoftfuseError as error:
                 log.warning("the full body is used: %s", error)
         full = device.full if isinstance(device, Atlas) else device
-        return cls(places[:, :2], pitch, np.asarray(_slopes(full, jnp.asarray(places))))
+        return cls(places[:, :2], pitch, np.asarray(rest_response(full, jnp.asarray(places)).by_force))
 
     def fitted(
         self,

@@ -1,0 +1,156 @@
+"""How a device at rest answers to small presses at many places: what sensors read, and how far it gives way.
+
+A press with a small force F at a place p changes readings by F w(p), w = ∂s/∂F, and moves the body by F v(p).
+With H(θ, y) = 0 the balance and the laws of the loads (`newton`), of states y = (z, x), the answer ẏ per
+newton obeys
+
+    H_y(θ) ẏ + H_F = 0.
+
+All places share one factor of the tangent stiffness. Derivatives in the device θ, so also in its rest nodes,
+are those of ẏ₀ − M⁻¹ (H_y(θ) ẏ₀ + H_F), M = H_y of the device as it is: the value is that of ẏ₀, and no
+solve is differentiated.
+"""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from softfuse.equilibrium.interface import slopes
+from softfuse.equilibrium.linear_solver import Solve
+from softfuse.equilibrium.linearised import Coupled, coupled, linearise, settled_on, unbalanced
+from softfuse.equilibrium.newton import tangent_at
+from softfuse.equilibrium.solution import State
+from softfuse.estimation.device import Device
+
+
+class RestResponse(eqx.Module):
+    """Answers to s contacts, each alone on the body at rest.
+
+    by_force (s, k) [reading's SI unit/N]: w; softness (s,) [m/N]: how far the contact sinks in; motion (s, n,
+    3) [m/N]: v of all n nodes.
+    """
+
+    by_force: Float[Array, "s k"]
+    softness: Float[Array, " s"]
+    motion: Float[Array, "s n 3"]
+
+
+@eqx.filter_jit
+def rest_response(device: Device, places: Array) -> RestResponse:
+    """The answers to contacts at places (s, ...), see `Device`; one newton each, in equal parts on the
+    patches of an electrode. Differentiable once in the device.
+    """
+    still, inverse = _still(device, places)
+
+    def one(place):
+        press = _Press.at(device, still, inverse, place)
+        return press.felt(press.answer())
+
+    return jax.lax.map(one, places)
+
+
+@eqx.filter_jit
+def place_response(device: Device, places: Float[Array, "s 3"]) -> tuple[RestResponse, Float[Array, "s k 2"]]:
+    """`rest_response` to discs at places (s, 3) m, and how `by_force` changes with the place along x and y,
+    ∂w/∂p (s, k, 2) [reading's SI unit/(N m)]; both differentiable once in the device.
+
+    With p the place, H_y ∂ẏ/∂p + (∂H_y/∂p) ẏ = 0.
+    """
+    still, inverse = _still(device, places)
+
+    def one(place):
+        press = _Press.at(device, still, inverse, place)
+        answer = press.answer()
+        moved = [press.felt(press.moved(answer, axis)).by_force for axis in jnp.eye(3)[:2]]
+        return press.felt(answer), jnp.stack(moved, axis=-1)
+
+    return jax.lax.map(one, places)
+
+
+def _still(device: Device, places: Array) -> tuple[Device, Solve]:
+    """The device without derivatives, and K⁻¹ at rest."""
+    still, first = jax.lax.stop_gradient((device, places[:1]))
+    return still, tangent_at(still.linear, still.body, still.loads(first), still.rest_state(first))
+
+
+class _Press(eqx.Module):
+    """A press at a place on a device at rest, under the weight of what presses, which tells what touches;
+    `system` is M.
+    """
+
+    device: Device
+    place: Array
+    state: State
+    system: Coupled
+    supports: Float[Array, " Q"]
+    inverse: Solve
+
+    @classmethod
+    def at(cls, device: Device, still: Device, inverse: Solve, place: Array) -> "_Press":
+        loads = still.loads(place[None])
+        rest = State.rest(still.body, loads)
+        linear = linearise(still.body, loads, inverse, rest)
+        settled, y = settled_on(linear, rest)
+        slope = slopes(linear.held, (settled.force, settled.internal), y, rest.drive)
+        state = State(linear.step(settled.force), settled.force, settled.internal, rest.drive)
+        return cls(device, place, state, coupled(loads, linear, slope), loads.supports, inverse)
+
+    def answer(self) -> State:
+        """ẏ per newton."""
+        parts = self.device.contact.drives
+        press = jnp.zeros_like(self.state.drive).at[:parts].set(1.0 / parts)
+        none = jnp.zeros_like(self.state.z)
+        begun = self._solved(none, -self.system.slope.drive @ press)
+        begun = State(begun.z, begun.force, begun.internal, press)
+        return self._mended(begun, lambda y: self._balance(self.place, y))
+
+    def moved(self, answer: State, axis: Float[Array, "3"]) -> State:
+        """∂ẏ/∂p along an axis (3,)."""
+
+        def by_place(y):
+            return jax.jvp(lambda place: self._balance(place, y), (self.place,), (axis,))[1]
+
+        left, law = by_place(jax.lax.stop_gradient(answer))
+        begun = self._solved(-self.inverse(left[:, None])[:, 0], -law)
+
+        def unmet(y):
+            return jax.tree.map(jnp.add, self._balance(self.place, y), by_place(answer))
+
+        return self._mended(begun, unmet)
+
+    def felt(self, along: State) -> RestResponse:
+        """What is felt of a motion."""
+        at = self.place[None]
+
+        def feel(state):
+            device = self.device
+            return device.reading(state), device.depth(at, state), device.body.displacement(state.z)
+
+        return RestResponse(*jax.jvp(feel, (self.state,), (along,))[1])
+
+    def _balance(self, place: Array, along: State) -> tuple[Float[Array, " n"], Float[Array, " r"]]:
+        """H_y ẏ: of the balance and of the laws."""
+
+        def unmet(state):
+            loads = self.device.loads(place[None])
+            values = loads.values(self.device.body, state.z)
+            law = loads.equations(state.force, state.internal, values, state.drive)
+            return unbalanced(self.device.body, loads, state), law
+
+        return jax.jvp(unmet, (self.state,), (along,))[1]
+
+    def _mended(self, begun: State, unmet: Callable[[State], tuple[Array, Array]]) -> State:
+        """y₀ − M⁻¹ unmet(y₀), which has the derivatives of what solves unmet(y) = 0."""
+        begun = jax.lax.stop_gradient(begun)
+        left, law = unmet(begun)
+        return jax.tree.map(jnp.add, begun, self._solved(-self.inverse(left[:, None])[:, 0], -law))
+
+    def _solved(self, alone: Float[Array, " n"], law: Float[Array, " r"]) -> State:
+        """M⁻¹, see `Coupled.respond`; forces without what the springs carry."""
+        dz, dx = (each[:, 0] for each in self.system.respond(alone[:, None], law[:, None]))
+        q = self.state.force.shape[0]
+        force = dx[:q] - self.supports * (self.system.pushed.T @ dz)
+        return State(dz, force, dx[q:], jnp.zeros_like(self.state.drive))

@@ -1,0 +1,66 @@
+"""Answers at rest are the slopes of equilibria, with the derivatives that differences of re-solves have."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.config import load
+from softfuse.config.build_device import build_device
+from softfuse.estimation.device import Device, compliance, simulate
+from softfuse.estimation.rest_response import place_response, rest_response
+
+PLACES = jnp.array([[0.012, -0.015, 0.0], [-0.003, 0.004, 0.0]])
+SMALL_N = 1e-3
+"""Its answer differs from that at rest by some 1e-4."""
+
+
+@pytest.fixture(scope="module")
+def device(coarse) -> Device:
+    """The pad on the coarsest mesh."""
+    return build_device(load(coarse))
+
+
+def test_it_is_the_compliance_at_rest(device) -> None:
+    answer = rest_response(device, PLACES)
+    for k, place in enumerate(PLACES):
+        slope = compliance(device, place[None], jnp.array([1e-2 * SMALL_N]))[:, 0]
+        np.testing.assert_allclose(answer.by_force[k], slope, rtol=1e-5)
+
+
+def test_depth_and_motion_are_those_of_a_small_press(device) -> None:
+    answer = rest_response(device, PLACES[:1])
+    state = simulate(device, PLACES[:1], jnp.array([SMALL_N])).state
+    np.testing.assert_allclose(answer.softness[0], device.depth(PLACES[:1], state) / SMALL_N, rtol=1e-3)
+    moved = device.body.displacement(state.z) / SMALL_N
+    size = float(jnp.max(jnp.abs(moved)))
+    np.testing.assert_allclose(answer.motion[0], moved, rtol=0, atol=1e-3 * size)
+
+
+def test_it_has_the_derivatives_in_rest_nodes_and_materials(device) -> None:
+    rng = np.random.default_rng(0)
+    along = jnp.asarray(1e-4 * rng.standard_normal(device.body.rest.shape))
+    weights = jnp.asarray(rng.standard_normal((len(PLACES), device.readings)))
+
+    @jax.jit
+    def weighed(step):
+        body = device.body.with_rest(device.body.rest + step * along)
+        answer = rest_response(eqx.tree_at(lambda d: d.body, device, body), PLACES)
+        return jnp.sum(weights * answer.by_force) * 1e9 + jnp.sum(answer.softness) * 1e3
+
+    step = 1e-3
+    difference = (weighed(step) - weighed(-step)) / (2 * step)
+    np.testing.assert_allclose(jax.jvp(weighed, (0.0,), (1.0,))[1], difference, rtol=1e-5)
+    np.testing.assert_allclose(jax.grad(weighed)(0.0), difference, rtol=1e-5)
+
+
+def test_it_has_the_derivatives_in_places(device) -> None:
+    answer, slope = place_response(device, PLACES)
+    np.testing.assert_allclose(answer.by_force, rest_response(device, PLACES).by_force, rtol=1e-12)
+    step = 1e-6
+    for axis in range(2):
+        shift = step * jnp.eye(3)[axis]
+        after, before = (rest_response(device, PLACES + sign * shift).by_force for sign in (1, -1))
+        size = float(jnp.max(jnp.abs(slope)))
+        np.testing.assert_allclose(slope[..., axis], (after - before) / (2 * step), rtol=0, atol=1e-4 * size)
