@@ -10,7 +10,9 @@ between walls and skin follow harmonically,
 Nodes in the middle of edges on walls belong to the surface too, so that faces are curved and the volume
 inside them is nearly that of the cavity; where an edge bridges a narrow fillet, or a tetrahedron would turn
 inside out, they stay nearer to its chord. When the tetrahedra are no longer well shaped at θ, a mesh that is
-made for that θ goes on from there: the parameters stay what they are.
+made for that θ goes on from there: the parameters stay what they are. As long as faces of boxes keep their
+order along each axis, it has the same tetrahedra, only stretched from the old planes to the new ones, so that
+hardly anything jumps (`remade`).
 
 Faces of boxes that look the same way and lie nearly in a plane are put into one plane, so that no thin slices
 arise between them: the boxes are only where the mesh comes from.
@@ -47,6 +49,9 @@ _FLAT = 0.05
 _HALVINGS = 6
 """Times that they are brought half as near."""
 
+_STRETCH = 2.0
+"""By how many times a gap between planes may change before a mesh has other tetrahedra."""
+
 _WORN = 0.5
 """Part of the mesh's least quality when it was made below which a new one is due."""
 
@@ -64,7 +69,8 @@ class Fineness:
 class LayoutMesh(eqx.Module):
     """How the nodes (n,) of a quadratic mesh follow the parameters of a layout; `layout_mesh` makes it.
 
-    boxes (n, 3): nodes in m of the mesh with boxes; wall (w,): those on walls, cavity by cavity; directions
+    corners (k, 2, 3): lowest and highest in m of the boxes; boxes (n, 3): nodes in m of the mesh with them;
+    wall (w,): those on walls, cavity by cavity; directions
     (w_k, 3): of each cavity's; ends (w, 2): places in `wall` of the ends of the edge that each is in the
     middle of, or its own twice; curving (w,) [-]: 1 on the surface, 0 on the chord; extension (n, w) [-]: H;
     tets (m, 10); walls: the cavities' faces, normals into the material; made_quality [-]: `quality` for the
@@ -72,6 +78,7 @@ class LayoutMesh(eqx.Module):
     """
 
     layout: AbstractLayout
+    corners: Float[np.ndarray, "k 2 3"]
     boxes: Float[Array, "n 3"]
     wall: Int[Array, " w"]
     directions: tuple[Float[Array, "w 3"], ...]
@@ -114,11 +121,43 @@ def layout_mesh(
     Raises MeshError when boxes in the place of the cavities do not fit into the outline, or the cavities are
     turned or shaped so unlike boxes that tetrahedra turn inside out.
     """
-    theta = jnp.asarray(theta)
-    boxes = _boxes(layout, theta, _ONE_PLANE * fineness.base_size)
+    boxes = _aligned(_boxes(layout, jnp.asarray(theta)), _ONE_PLANE * fineness.base_size)
     straight = block_mesh(layout.outline.around(boxes), fineness.base_size, fineness.longest)
     mesh = quadratic(straight)
-    walls = cavities(mesh, boxes.mean(axis=1))
+    return _made(layout, jnp.asarray(theta), boxes, mesh, cavities(mesh, boxes.mean(axis=1)))
+
+
+def remade(mesh: LayoutMesh, theta: Float[Array | np.ndarray, " p"], fineness: Fineness) -> LayoutMesh:
+    """A mesh made for parameters (p,), with the tetrahedra of another of the same layout where these can be
+    stretched, see `layout_mesh` for the errors.
+    """
+    layout, outline = mesh.layout, mesh.layout.outline
+    boxes = _boxes(layout, jnp.asarray(theta))
+    stretched = np.array(mesh.boxes)
+    for axis in range(3):
+        planes, group = np.unique(mesh.corners[..., axis], return_inverse=True)
+        group = group.reshape(boxes.shape[:2])
+        boxes[..., axis] = np.array([boxes[..., axis][group == k].mean() for k in range(len(planes))])[group]
+        still = np.append(outline.notches[..., axis].ravel(), [outline.low[axis], outline.high[axis]])
+        before = np.append(planes, still)
+        after = np.append([boxes[..., axis][group == k][0] for k in range(len(planes))], still)
+        before, first = np.unique(before, return_index=True)
+        after = after[first]
+        change = np.diff(after) / np.diff(before)
+        if not ((change > 1.0 / _STRETCH) & (change < _STRETCH)).all():
+            return layout_mesh(layout, theta, fineness)
+        stretched[:, axis] = np.interp(stretched[:, axis], before, after)
+    return _made(layout, jnp.asarray(theta), boxes, tet_mesh(stretched, mesh.tets), mesh.walls)
+
+
+def _made(
+    layout: AbstractLayout,
+    theta: Float[Array, " p"],
+    boxes: Float[np.ndarray, "k 2 3"],
+    mesh: TetMesh,
+    walls: Sequence[Surface],
+) -> LayoutMesh:
+    """What follows the layout, from the mesh of the boxes."""
     nodes = [np.unique(part.faces) for part in walls]
     parts = zip(layout.shapes, layout.values(theta), nodes, boxes, strict=True)
     directions = [
@@ -130,6 +169,7 @@ def layout_mesh(
     held = np.concatenate([wall, np.unique(outer_surface(mesh).faces)])
     made = LayoutMesh(
         layout=layout,
+        corners=boxes,
         boxes=jnp.asarray(mesh.nodes),
         wall=jnp.asarray(wall),
         directions=tuple(directions),
@@ -145,10 +185,8 @@ def layout_mesh(
     return replace(made, made_quality=made.quality(theta))
 
 
-def _boxes(layout: AbstractLayout, theta: Float[Array, " p"], apart: float) -> Float[np.ndarray, "k 2 3"]:
-    """Lowest and highest corners (k, 2, 3) m of boxes of the cavities' volumes, in common planes where they
-    are no farther than `apart` m from these.
-    """
+def _boxes(layout: AbstractLayout, theta: Float[Array, " p"]) -> Float[np.ndarray, "k 2 3"]:
+    """Lowest and highest corners (k, 2, 3) m of boxes of the cavities' volumes."""
     directions, faces = cube_sphere(20)
     boxes = np.empty((len(layout.shapes), 2, 3))
     for box, shape, values in zip(boxes, layout.shapes, layout.values(theta), strict=True):
@@ -162,10 +200,11 @@ def _boxes(layout: AbstractLayout, theta: Float[Array, " p"], apart: float) -> F
         volume = enclosed_volume(np.asarray(shape.points(values, directions)), faces)
         half = half * np.cbrt(volume / (8.0 * half.prod()))
         box[:] = np.asarray(shape.centre(values)) + np.stack([-half, half])
-    return _aligned(boxes, apart)
+    return boxes
 
 
 def _aligned(boxes: Float[np.ndarray, "k 2 3"], apart: float) -> Float[np.ndarray, "k 2 3"]:
+    """The boxes in common planes where these are no farther than `apart` m from their faces."""
     aligned = boxes.copy()
     for side in range(2):
         for axis in range(3):

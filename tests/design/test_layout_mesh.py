@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from softfuse.design.cavity_shape import CavityShape
 from softfuse.design.layout import TiedLayout
-from softfuse.design.layout_mesh import Fineness, layout_mesh
+from softfuse.design.layout_mesh import Fineness, layout_mesh, remade
 from softfuse.design.outline import Outline
 from softfuse.design.profile import FreeForm, RoundedBox, Superellipsoid
 from softfuse.errors import MeshError
@@ -133,3 +133,24 @@ def test_curved_tetrahedra_are_judged_by_their_smallest_jacobian() -> None:
     assert curved_mean_ratios(tet_mesh(bent, mesh.tets))[0] == pytest.approx(0.0, abs=1e-9)
     bent[mesh.tets[0, 4]] = [0.2, 0.0, 0.0]
     assert curved_mean_ratios(tet_mesh(bent, mesh.tets))[0] < 0
+
+
+def test_a_mesh_made_anew_for_the_same_parameters_is_the_same(twins, twin_mesh, fineness) -> None:
+    again = remade(twin_mesh, twins.start, fineness)
+    assert again.tets is twin_mesh.tets
+    rest = [mesh.rest(jnp.asarray(twins.start)) for mesh in (again, twin_mesh)]
+    np.testing.assert_allclose(rest[0], rest[1], rtol=0, atol=1e-10)
+
+
+def test_a_mesh_made_anew_has_the_same_tetrahedra_in_better_shape(twins, twin_mesh, fineness) -> None:
+    theta = twins.start + 2.0 * twins.scale * (np.array(twins.names) == "width")
+    again = remade(twin_mesh, theta, fineness)
+    assert again.tets is twin_mesh.tets
+    assert again.quality(theta) >= twin_mesh.quality(theta)
+    for k in range(2):
+        assert volume(again, theta, k) == pytest.approx(volume(twin_mesh, theta, k), rel=0.01)
+
+
+def test_a_mesh_whose_boxes_change_their_order_has_other_tetrahedra(twins, twin_mesh, fineness) -> None:
+    theta = np.where(np.array(twins.names) == "width", 0.004, twins.start)
+    assert remade(twin_mesh, theta, fineness).tets is not twin_mesh.tets
