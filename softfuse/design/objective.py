@@ -1,0 +1,196 @@
+"""What a design is judged by: numbers of how the device answers to presses, all differentiable.
+
+A press with force F at a place p changes s readings, whose noise is σ, by F w. With B = ∂(F w)/∂p (k, 2) and
+what else knows the place, to σ_p, the information on (F, p) is
+
+    J = Aᵀ A + diag(0, σ_p⁻², σ_p⁻²),     A = [w, B] / σ,
+
+and its inverse the covariance (`estimation.observability`). Optimal design knows several numbers of it: the
+mean variance (A-optimal), the largest (E-optimal), the volume of the ellipsoid, ln det J⁻¹ (D-optimal).
+Source: F. Pukelsheim, Optimal Design of Experiments, 1993, ch. 6.
+
+Whoever needs another one writes a class with a name, a unit and a `__call__`:
+
+    class SmallestSensitivity(AbstractMeasure):
+        name, unit = "smallest sensitivity", "m³/N"
+
+        def __call__(self, answers):
+            return jnp.min(answers.sensitivity)
+"""
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+_WORST = 12
+"""Exponent of the norm that stands for a maximum, so that it has derivatives where two places are worst."""
+
+
+class Answers(eqx.Module):
+    """How a device answers to s presses, see `RestResponse`: by_force (s, k) [reading's SI unit/N], by_place
+    (s, k, 2) [that/(N m)], softness (s,) [m/N], motion (s, m, 3) [m/N] of what is watched; noise (k,)
+    [reading's SI unit] of readings.
+    """
+
+    by_force: Float[Array, "s k"]
+    by_place: Float[Array, "s k 2"]
+    softness: Float[Array, " s"]
+    motion: Float[Array, "s m 3"]
+    noise: Float[Array, " k"]
+
+    @property
+    def sensitivity(self) -> Float[Array, " s"]:
+        """|w| (s,) [reading's SI unit/N]."""
+        return jnp.linalg.norm(self.by_force, axis=1)
+
+    def covariance(self, force_N: float, place_sigma_m: float) -> Float[Array, "s 3 3"]:
+        """Of force [N] and place [m] (s, 3, 3) under a force [N], places known to `place_sigma_m` otherwise,
+        which may be inf.
+        """
+        a = jnp.concatenate([self.by_force[..., None], force_N * self.by_place], axis=2)
+        a = a / self.noise[:, None]
+        known = jnp.diag(jnp.array([0.0, place_sigma_m**-2, place_sigma_m**-2]))
+        return jnp.linalg.inv(jnp.swapaxes(a, 1, 2) @ a + known)
+
+
+class AbstractMeasure(eqx.Module):
+    """A number that a design has: its name, its SI unit, and what it is."""
+
+    name: eqx.AbstractClassVar[str]
+    unit: eqx.AbstractClassVar[str]
+
+    @abstractmethod
+    def __call__(self, answers: Answers) -> Float[Array, ""]:
+        """The number, in SI; differentiable."""
+
+
+class Unevenness(AbstractMeasure):
+    """Coefficient of variation of the sensitivity |w| over all presses, the paper's aim."""
+
+    name: ClassVar[str] = "unevenness"
+    unit: ClassVar[str] = "1"
+
+    def __call__(self, answers):
+        """Standard deviation over mean."""
+        return jnp.std(answers.sensitivity) / jnp.mean(answers.sensitivity)
+
+
+class Sensitivity(AbstractMeasure):
+    """Mean of |w|."""
+
+    name: ClassVar[str] = "sensitivity"
+    unit: ClassVar[str] = "1/N of the readings' unit"
+
+    def __call__(self, answers):
+        """Over all presses."""
+        return jnp.mean(answers.sensitivity)
+
+
+class Softness(AbstractMeasure):
+    """How far a contact sinks in per newton, on average."""
+
+    name: ClassVar[str] = "softness"
+    unit: ClassVar[str] = "m/N"
+
+    def __call__(self, answers):
+        """Over all presses."""
+        return jnp.mean(answers.softness)
+
+
+class ForceError(AbstractMeasure):
+    """Root mean square of the force's standard deviation: A-optimality. force_N [N]: of the presses;
+    place_sigma_m [m]: how well their places are known otherwise.
+    """
+
+    name: ClassVar[str] = "force error"
+    unit: ClassVar[str] = "N"
+    force_N: float
+    place_sigma_m: float
+
+    def __call__(self, answers):
+        """Over all presses."""
+        return jnp.sqrt(jnp.mean(answers.covariance(self.force_N, self.place_sigma_m)[:, 0, 0]))
+
+
+class WorstForceError(AbstractMeasure):
+    """Largest standard deviation of a force, as a norm of high order; fields: see `ForceError`."""
+
+    name: ClassVar[str] = "worst force error"
+    unit: ClassVar[str] = "N"
+    force_N: float
+    place_sigma_m: float
+
+    def __call__(self, answers):
+        """(Σ σ^n / s)^(1/n): at most the largest, at least s^(−1/n) times it."""
+        sigma = jnp.sqrt(answers.covariance(self.force_N, self.place_sigma_m)[:, 0, 0])
+        most = jax.lax.stop_gradient(jnp.max(sigma))
+        return most * jnp.mean((sigma / most) ** _WORST) ** (1.0 / _WORST)
+
+
+class Ignorance(AbstractMeasure):
+    """Mean of ½ ln det of the covariance of force [N] and place [mm]: D-optimality; fields: see
+    `ForceError`.
+    """
+
+    name: ClassVar[str] = "ignorance"
+    unit: ClassVar[str] = "1"
+    force_N: float
+    place_sigma_m: float
+
+    def __call__(self, answers):
+        """Over all presses."""
+        covariance = answers.covariance(self.force_N, self.place_sigma_m)
+        per_mm = jnp.diag(jnp.array([1.0, 1e3, 1e3]))
+        return jnp.mean(0.5 * jnp.linalg.slogdet(per_mm @ covariance @ per_mm)[1])
+
+
+class PlaceError(AbstractMeasure):
+    """Median-like size of the place's standard deviation by these readings alone, under a force [N]: the
+    geometric mean over presses, as some places are hardly told at all.
+    """
+
+    name: ClassVar[str] = "place error"
+    unit: ClassVar[str] = "m"
+    force_N: float
+
+    def __call__(self, answers):
+        """exp of the mean of ln √(σ_x² + σ_y²)."""
+        covariance = answers.covariance(self.force_N, float("inf"))
+        return jnp.exp(jnp.mean(0.5 * jnp.log(covariance[:, 1, 1] + covariance[:, 2, 2])))
+
+
+class PairError(AbstractMeasure):
+    """How badly the two forces of presses that act at once are told apart: pairs (n, 2) of presses by number,
+    such as one that bends a finger sideways and one that bends it to the front.
+    """
+
+    name: ClassVar[str] = "error of pairs"
+    unit: ClassVar[str] = "N"
+    pairs: Int[Array, "n 2"]
+
+    def __call__(self, answers):
+        """Root mean square of the standard deviations of both, over all pairs."""
+        a = jnp.swapaxes((answers.by_force / answers.noise)[self.pairs], 1, 2)
+        covariance = jnp.linalg.inv(jnp.swapaxes(a, 1, 2) @ a)
+        return jnp.sqrt(jnp.mean(jnp.trace(covariance, axis1=1, axis2=2)) / 2.0)
+
+
+class ShapeError(AbstractMeasure):
+    """Root mean square of the error of what is watched, as far as it comes from the force's: σ_F |v|; fields:
+    see `ForceError`.
+    """
+
+    name: ClassVar[str] = "shape error"
+    unit: ClassVar[str] = "m"
+    force_N: float
+    place_sigma_m: float
+
+    def __call__(self, answers):
+        """Over all presses and watched points."""
+        variance = answers.covariance(self.force_N, self.place_sigma_m)[:, 0, 0]
+        moved = jnp.mean(jnp.sum(answers.motion**2, axis=2), axis=1)
+        return jnp.sqrt(jnp.mean(variance * moved))

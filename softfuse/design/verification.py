@@ -1,0 +1,109 @@
+"""What a device answers to presses of a real force, by the equilibria themselves and not by their slopes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from softfuse.body.body import Body
+from softfuse.design.facing import Facing
+from softfuse.equilibrium.solution import RESULTS
+from softfuse.errors import SolveError
+from softfuse.estimation.device import Device, simulate
+from softfuse.estimation.side_by_side import side_by_side
+
+_NOTHING = 1e-12
+"""Strain that is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pressed:
+    """Answers to s presses with one force: `by_force` (s, k) [reading's SI unit/N], changes of readings since
+    rest over the force; `softness` (s,) [m/N], depths over the force; `open_part` (s,) [-], the least part of
+    the distance between opposite walls of cavities that is left; `stretch` (s,) [-], the largest length over
+    that at rest, at a quadrature point; number of the mesh's `nodes`.
+    """
+
+    by_force: Float[np.ndarray, "s k"]
+    softness: Float[np.ndarray, " s"]
+    open_part: Float[np.ndarray, " s"]
+    stretch: Float[np.ndarray, " s"]
+    nodes: int
+
+    @property
+    def sensitivity(self) -> Float[np.ndarray, " s"]:
+        """Norms (s,) [SI/N]."""
+        return np.linalg.norm(self.by_force, axis=1)
+
+    @property
+    def unevenness(self) -> float:
+        """Coefficient of variation [-] of the sensitivity."""
+        return float(np.std(self.sensitivity) / np.mean(self.sensitivity))
+
+
+def pressed(
+    device: Device,
+    walls: Sequence[Int[np.ndarray, "f c"]],
+    places: Array,
+    force_N: float,
+    *,
+    seen: Callable[[], None] = lambda: None,
+) -> Pressed:
+    """Press at places (s, ...) with a force [N], in equal parts on the patches of an electrode.
+
+    walls: faces of each cavity, see `Facing.of`; `seen` is called after each place.
+
+    Raises SolveError where there is no equilibrium.
+    """
+    body = device.body
+    if not isinstance(body, Body):
+        raise SolveError("a reduced body does not tell strains: press the full one")
+    facing = Facing.of(np.asarray(body.rest), walls)
+    rest = np.asarray(device.rest_state(places[:1]).drive)
+    parts = device.contact.drives
+    drive = np.concatenate([np.full(parts, force_N / parts), rest[parts:]])
+
+    def one(place: np.ndarray) -> tuple[np.ndarray, ...]:
+        answer, result = _pressed(device, facing, jnp.asarray(place), jnp.asarray(drive))
+        if not bool(result == RESULTS.converged):
+            raise SolveError(f"no equilibrium under {force_N:g} N at {place.tolist()}: {RESULTS[result]}")
+        seen()
+        return tuple(np.asarray(each) for each in answer)
+
+    reading, depth, opened, stretch = side_by_side(one, np.asarray(places))
+    return Pressed(reading / force_N, depth / force_N, opened, stretch, len(body.rest))
+
+
+@eqx.filter_jit
+def _pressed(device: Device, facing: Facing, place: Array, drive: Array) -> tuple[tuple[Array, ...], RESULTS]:
+    at, body = place[None], device.body
+    assert isinstance(body, Body)
+    solution = simulate(device, at, drive)
+    state, rest = solution.state, device.rest_state(at)
+    reading = device.reading(state) - device.reading(rest)
+    opened = facing.gaps(body.rest + body.displacement(state.z)) / facing.gaps(body.rest)
+    answer = reading, device.depth(at, state), jnp.min(opened), largest_stretch(body, state.z)
+    return answer, solution.result
+
+
+def largest_stretch(body: Body, z: Float[Array, " n"]) -> Float[Array, ""]:
+    """The largest length over that at rest [-] at a quadrature point of a body with unknowns z (n,): √ of the
+    largest eigenvalue of F Fᵀ, by the roots' cosines (O. K. Smith, Comm. ACM 4(4), 1961).
+    """
+    # LAPACK's own threads and ours wait for each other.
+    padded = jnp.append(z, 0.0)
+    largest = []
+    for region in body.regions():
+        f = jnp.array(region.deformation(region.strains(padded)[0]))
+        b = jnp.einsum("ikqe,jkqe->qeij", f, f)
+        mean = jnp.trace(b, axis1=2, axis2=3) / 3.0
+        away = b - mean[..., None, None] * jnp.eye(3)
+        size = jnp.sqrt(jnp.sum(away**2, axis=(2, 3)) / 6.0)
+        turned = jnp.sum(jnp.cross(away[..., 0], away[..., 1]) * away[..., 2], axis=-1)
+        cosine = turned / (2.0 * jnp.maximum(size, _NOTHING) ** 3)
+        angle = jnp.arccos(jnp.clip(cosine, -1.0, 1.0)) / 3.0
+        largest.append(jnp.max(mean + 2.0 * size * jnp.cos(angle)))
+    return jnp.sqrt(jnp.max(jnp.stack(largest)))
