@@ -14,6 +14,7 @@ from rich.logging import RichHandler
 from softfuse.cli.calibrate import calibrate
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.convert import convert
+from softfuse.cli.design import design
 from softfuse.cli.doctor import doctor
 from softfuse.cli.estimate import estimate
 from softfuse.cli.evaluate import evaluate
@@ -41,6 +42,7 @@ app.command()(sweep)
 app.command()(estimate)
 app.command()(calibrate)
 app.command()(observe)
+app.command()(design)
 app.command()(evaluate)
 app.command()(run)
 app.command()(replay)

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import Field, model_validator
@@ -27,6 +27,13 @@ Size = tuple[PositiveLength, PositiveLength, PositiveLength]
 class BodySource(Settings):
     """Where the mesh of a body comes from."""
 
+    edges: ClassVar[tuple[str, ...]] = ()
+    """Keys of the lengths of the mesh's edges."""
+
+    def finer(self, times: float) -> Self:
+        """The same with so many times shorter edges."""
+        return self.model_copy(update={key: getattr(self, key) / times for key in self.edges})
+
     @abstractmethod
     def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
         """The mesh, linear or not, of the body with cavities at these centres (k, 3) m.
@@ -44,6 +51,8 @@ class BlockSource(BodySource):
     Lengths of the mesh's edges: at most surface_size m at the top and fine_depth m below it, growing by
     growth m per m from there; the grid under it has boxes of at most base_size m.
     """
+
+    edges: ClassVar[tuple[str, ...]] = ("surface_size", "base_size")
 
     size: Size
     surface_size: PositiveLength
@@ -124,6 +133,8 @@ class FingerSource(BodySource):
     has boxes of at most base_size m.
     """
 
+    edges: ClassVar[tuple[str, ...]] = ("wall_size", "base_size")
+
     type: Literal["finger"]
     size: Size
     neck_x: Annotated[tuple[PositiveLength, ...], NotEmpty]
@@ -134,9 +145,9 @@ class FingerSource(BodySource):
     base_size: PositiveLength
     growth: Annotated[Number, Ge(0)] = 2.0
 
-    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
-        """The finger with cavities at the centres (k, 3) m; see `finger_mesh` for the errors."""
-        geometry = FingerGeometry(
+    def geometry(self, cavity_centres: Sequence[Vector]) -> FingerGeometry:
+        """The finger with cavities at the centres (k, 3) m."""
+        return FingerGeometry(
             size=self.size,
             neck_x=self.neck_x,
             neck_length=self.neck_length,
@@ -144,6 +155,10 @@ class FingerSource(BodySource):
             cavity_size=self.cavity_size,
             cavity_centres=tuple(cavity_centres),
         )
+
+    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+        """The same, meshed; see `finger_mesh` for the errors."""
+        geometry = self.geometry(cavity_centres)
         return finger_mesh(geometry, self.wall_size, self.base_size, growth=self.growth)
 
 
@@ -154,6 +169,8 @@ class SurfaceSource(BodySource):
     unit, each a region of its own; envelope: how far the mesh may be from the surface, as a fraction of the
     body's diagonal.
     """
+
+    edges: ClassVar[tuple[str, ...]] = ("edge_length",)
 
     type: Literal["surface"]
     file: ExistingFile

@@ -1,0 +1,155 @@
+"""The page of a design run: what was tried, and once it is done, before and after."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from softfuse.config.design_plan import DesignPlan
+from softfuse.design.casting_check import SolidCheck
+from softfuse.design.cube_sphere import cube_sphere
+from softfuse.design.layout import AbstractLayout
+from softfuse.design.problem import Problem
+from softfuse.design.search import Found, Trial
+from softfuse.design.thickness import wall_names, wall_thicknesses
+from softfuse.design.verification import Pressed
+from softfuse.experiment.design_figures import outlines, sensitivity_maps, tried
+from softfuse.experiment.report import page, picture, table
+
+_CELLS = 8
+"""Along an edge of the cube through which cavities are drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class After:
+    """What a run has found: by search, and the best one's name; the device as it is and as designed, pressed
+    at places; what was checked of the casting.
+    """
+
+    found: Mapping[str, Found]
+    best: str
+    own: Pressed
+    designed: Pressed
+    places: Array
+    solids: tuple[SolidCheck, ...]
+
+
+def design_page(
+    plan: DesignPlan,
+    problem: Problem,
+    before: Float[np.ndarray, " m"],
+    trials: Sequence[tuple[str, Trial]],
+    after: After | None,
+) -> str:
+    """The page, as far as the run has come; before (m,): the measures of the device as it is, in SI."""
+    sections = [("Tried", _tried(problem, before, trials))]
+    if after is None:
+        last = [trial for _, trial in trials][-1]
+        sections.append(("Last", _drawn(problem.layout, last.theta)))
+    else:
+        sections = [*_outcome(problem, before, after), *sections]
+    return page(f"{plan.path.name}: design", sections)
+
+
+def _tried(problem: Problem, before: Float[np.ndarray, " m"], trials: Sequence[tuple[str, Trial]]) -> str:
+    searches: dict[str, list[float]] = {}
+    for name, trial in trials:
+        value = np.nan if trial.value is None else float(trial.value.measures[0])
+        searches.setdefault(name, []).append(value)
+    measure = problem.objective
+    figure = tried(
+        {name: np.array(values) for name, values in searches.items()},
+        f"{measure.name} [{measure.unit}]",
+        float(before[0]),
+    )
+    return picture(figure, f"{len(trials)} layouts; gaps are where a new mesh was due.")
+
+
+def _drawn(layout: AbstractLayout, theta: Float[np.ndarray, " p"]) -> str:
+    def cavities(at):
+        directions, _ = cube_sphere(_CELLS)
+        points = layout.points(jnp.asarray(at), [directions] * len(layout.shapes))
+        return [1e3 * np.asarray(each) for each in points]
+
+    figure = outlines(
+        1e3 * layout.outline.low, 1e3 * layout.outline.high, cavities(layout.start), cavities(theta)
+    )
+    return picture(
+        figure, "Outlines of the cavities from above, from the front and from the side; dashed: as drawn."
+    )
+
+
+def _outcome(problem: Problem, before: Float[np.ndarray, " m"], after: After) -> list[tuple[str, str]]:
+    found = after.found[after.best]
+    theta, value = found.best.theta, found.best.value
+    assert value is not None
+    measures = [
+        (measure.name, measure.unit, f"{was:.4g}", f"{now:.4g}")
+        for measure, was, now in zip(problem.measures, before, value.measures, strict=True)
+    ]
+    checked = [
+        ("unevenness of the sensitivity [1]", after.own.unevenness, after.designed.unevenness),
+        ("mean sensitivity [SI/N]", after.own.sensitivity.mean(), after.designed.sensitivity.mean()),
+        ("mean depth [mm/N]", 1e3 * after.own.softness.mean(), 1e3 * after.designed.softness.mean()),
+        ("least part of cavities' heights left", after.own.open_part.min(), after.designed.open_part.min()),
+        ("largest stretch", after.own.stretch.max(), after.designed.stretch.max()),
+        ("nodes of the mesh", after.own.nodes, after.designed.nodes),
+    ]
+    parameters = [
+        (name, f"{1e3 * x:.3f} mm" if p.unit == "m" else f"{x:.4f}")
+        for name, x, p in zip(problem.layout.names, theta, problem.layout.parameters, strict=True)
+    ]
+    walls = _walls(problem, theta)
+    ends = [
+        (name, each.ended, str(each.trials), f"{_objective(each):.4g}", "yes" if each.kept else "no")
+        for name, each in after.found.items()
+    ]
+    solids = [
+        (solid.name, f"{solid.volume_mm3:.1f}", str(solid.genus), "yes" if solid.watertight else "no")
+        for solid in after.solids
+    ]
+    return [
+        ("Before and after", table(("measure", "unit", "as it is", "designed"), measures)),
+        (
+            "Looked at again, by equilibria on a finer mesh",
+            table(
+                ("of the presses", "as it is", "designed"),
+                [(name, f"{was:.4g}", f"{now:.4g}") for name, was, now in checked],
+            )
+            + _maps(after),
+        ),
+        (
+            "Cavities",
+            _drawn(problem.layout, theta) + table(("parameter", "added to what was drawn"), parameters),
+        ),
+        ("Walls", table(("wall", "thickness [mm]", "at least [mm]"), walls)),
+        ("Searches", table(("search", "ended as", "layouts", problem.objective.name, "keeps limits"), ends)),
+        ("Casting", table(("solid", "volume [mm³]", "handles", "watertight"), solids)),
+    ]
+
+
+def _objective(found: Found) -> float:
+    assert found.best.value is not None
+    return float(found.best.value.measures[0])
+
+
+def _walls(problem: Problem, theta: Float[np.ndarray, " p"]) -> list[tuple[str, str, str]]:
+    thickness = np.asarray(wall_thicknesses(problem.layout, jnp.asarray(theta)))
+    least = problem.walls.least(problem.layout)
+    order = np.argsort(thickness - least)
+    names = wall_names(problem.layout)
+    return [(names[k], f"{1e3 * thickness[k]:.3f}", f"{1e3 * least[k]:.3f}") for k in order[:12]]
+
+
+def _maps(after: After) -> str:
+    places = np.asarray(after.places)
+    if places.ndim < 2:
+        return ""
+    values = {
+        "as it is": 1e9 * after.own.sensitivity,
+        "designed": 1e9 * after.designed.sensitivity,
+    }
+    figure = sensitivity_maps(1e3 * places[:, 0], 1e3 * places[:, 1], values)
+    return picture(figure, "Norm of the volume changes per newton [mm³/N].")

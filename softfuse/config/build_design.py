@@ -1,0 +1,309 @@
+"""From a design plan and its device's config to the problem that is searched, and back to a config."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import tomlkit
+from jaxtyping import Array, Float
+from tomlkit.items import AoT
+
+from softfuse.config.body import BlockSource, FingerSource
+from softfuse.config.build_attached import build_centreline, build_points
+from softfuse.config.build_device import build_device
+from softfuse.config.build_mesh import device_mesh
+from softfuse.config.build_sweep import build_series
+from softfuse.config.cavity_shapes import written_centre, written_shape
+from softfuse.config.design_plan import (
+    AnyMeasure,
+    DesignPlan,
+    LimitSettings,
+    PairErrorSettings,
+    ParameterSettings,
+    PlaceErrorSettings,
+    PlainMeasureSettings,
+    PressMeasureSettings,
+)
+from softfuse.config.device import DeviceConfig
+from softfuse.config.file import file_text, parse
+from softfuse.config.sweep_plan import ElectrodePlaces, SweepPlan
+from softfuse.design.layout import Parameter, TiedLayout
+from softfuse.design.layout_mesh import Fineness, LayoutMesh
+from softfuse.design.objective import (
+    AbstractMeasure,
+    ForceError,
+    Ignorance,
+    PairError,
+    PlaceError,
+    Sensitivity,
+    ShapeError,
+    Softness,
+    Unevenness,
+    WorstForceError,
+)
+from softfuse.design.outline import Outline
+from softfuse.design.problem import Limit, Problem, Walls
+from softfuse.design.search import SearchSettings
+from softfuse.errors import ConfigError
+from softfuse.estimation.device import Device
+from softfuse.functional.material_points import MaterialPoints
+from softfuse.mesh.block import edge_distance
+from softfuse.mesh.files import write_mesh
+from softfuse.mesh.pad import finer_to_the_top
+
+_PLAIN = {"unevenness": Unevenness, "sensitivity": Sensitivity, "softness": Softness}
+_PRESS = {
+    "force-error": ForceError,
+    "worst-force-error": WorstForceError,
+    "ignorance": Ignorance,
+    "shape-error": ShapeError,
+}
+
+
+def build_layout(plan: DesignPlan, config: DeviceConfig) -> TiedLayout:
+    """The layout of a plan, with parameters that are 0 as drawn.
+
+    Raises ConfigError when the device's body is no block, or has another number of cavities.
+    """
+    if len(plan.cavities) != len(config.cavities):
+        raise ConfigError(
+            f"{plan.path}: cavity: {len(plan.cavities)} of them, but {config.path} has "
+            f"{len(config.cavities)}: sensors belong to cavities, so draw as many"
+        )
+    numbers = {cavity.name: k for k, cavity in enumerate(plan.cavities)}
+
+    def parameter(settings: ParameterSettings) -> Parameter:
+        adds = {(numbers[tie.cavity], tie.value): tie.times for tie in settings.adds}
+        low, high = settings.bounds
+        return Parameter(settings.name, 0.0, low, high, settings.unit, settings.usual_change, adds)
+
+    drawn = [(cavity.shape, cavity.values(cavity.centre)) for cavity in plan.cavities]
+    return TiedLayout.of(_outside(plan, config), drawn, [parameter(each) for each in plan.parameters])
+
+
+def build_problem(plan: DesignPlan, config: DeviceConfig) -> Problem:
+    """The problem of a plan without its limits, which need the device as it is: see `build_limits_of`.
+
+    Raises ConfigError as `build_layout` does, or when places and measures do not suit the device.
+    """
+    if config.body.element == "linear":
+        raise ConfigError(
+            f'{config.path}: body.element: walls of any shape need "taylor-hood" or "quadratic" elements'
+        )
+    layout = build_layout(plan, config)
+    numbers = {cavity.name: k for k, cavity in enumerate(plan.cavities)}
+    special = {_numbered(name, numbers): thickness for name, thickness in plan.walls.special.items()}
+    places, names = build_places(plan, config)
+    fronts = () if plan.front is None else (plan.front.of,)
+    wanted = (plan.objective, *(limit.of for limit in plan.limits), *fronts)
+
+    def build(mesh: LayoutMesh, theta: Float[np.ndarray, " p"]) -> Device:
+        return build_device(config, device_mesh(config, mesh.mesh(theta), mesh.walls))
+
+    return Problem(
+        layout=layout,
+        fineness=_fineness(plan, config),
+        build=build,
+        places=places,
+        noise=_noise(config, plan),
+        objective=build_measure(plan, plan.objective, names),
+        walls=Walls(plan.walls.thickness, special),
+        # What presses on an electrode is felt in the same way all over it.
+        by_place=not names
+        and any(isinstance(each, PressMeasureSettings | PlaceErrorSettings) for each in wanted),
+        watch=lambda device: _watched(config, device),
+    )
+
+
+def build_limits_of(
+    plan: DesignPlan,
+    config: DeviceConfig,
+    device: Device,
+    problem: Problem,
+    settings: Sequence[LimitSettings],
+) -> tuple[Limit, ...]:
+    """Limits as parts of the measures of a device of the config, as it is."""
+    answers = problem.answers(device, problem.watch(device))
+    _, names = build_places(plan, config)
+
+    def limit(settings: LimitSettings) -> Limit:
+        measure = build_measure(plan, settings.of, names)
+        own, low, high = float(measure(answers)), settings.at_least, settings.at_most
+        return Limit(measure, -np.inf if low is None else low * own, np.inf if high is None else high * own)
+
+    return tuple(limit(each) for each in settings)
+
+
+def search_settings(plan: DesignPlan) -> SearchSettings:
+    """How a plan's searches go."""
+    look = plan.search
+    return SearchSettings(look.legs, look.iterations, look.move, look.improvement)
+
+
+def finer_config(config: DeviceConfig, times: float) -> DeviceConfig:
+    """The config whose mesh has so many times shorter edges, as far as these are configured."""
+    body = config.body.model_copy(update={"source": config.body.source.finer(times)})
+    return config.model_copy(update={"body": body})
+
+
+def build_places(plan: DesignPlan, config: DeviceConfig) -> tuple[Array, tuple[str, ...]]:
+    """Where the device is pressed, (s, 3) m or numbers of electrodes (s,), and the names of electrodes.
+
+    Raises ConfigError when the places do not suit the device.
+    """
+    presses = SweepPlan.model_validate(
+        {"places": plan.places, "forces": {"values": ["1 N"]}},
+        context={"folder": plan.path.parent, "path": plan.path},
+    )
+    alone = np.array([series.places[0] for series in build_series(presses, config)])
+    if isinstance(plan.places, ElectrodePlaces):
+        return jnp.asarray(alone), tuple(config.electrodes[k].name for k in alone)
+    return jnp.asarray(np.pad(alone, ((0, 0), (0, 1)))), ()
+
+
+def build_measure(plan: DesignPlan, settings: AnyMeasure, names: Sequence[str]) -> AbstractMeasure:
+    """A measure of presses on electrodes of such names, or at places of a surface.
+
+    Raises ConfigError when it needs what these presses do not have.
+    """
+    if names and isinstance(settings, PlaceErrorSettings):
+        raise ConfigError(
+            f"{plan.path}: {settings.measure}: electrodes are pressed as a whole, so that readings do not "
+            'change with the place: take "force-error" or "pair-error"'
+        )
+    match settings:
+        case PlainMeasureSettings():
+            return _PLAIN[settings.measure]()
+        case PressMeasureSettings():
+            return _PRESS[settings.measure](settings.force, settings.place_sigma)
+        case PlaceErrorSettings():
+            return PlaceError(settings.force)
+        case PairErrorSettings():
+            for pair in settings.pairs:
+                for name in pair:
+                    if name not in names:
+                        raise ConfigError(
+                            f'{plan.path}: pairs: no press on an electrode "{name}": there are '
+                            f"{', '.join(names) or 'none'}"
+                        )
+            return PairError(jnp.array([[names.index(name) for name in pair] for pair in settings.pairs]))
+
+
+def _noise(config: DeviceConfig, plan: DesignPlan) -> Float[np.ndarray, " k"]:
+    if config.gas is None:
+        return np.full(len(config.cavities), plan.noise.volume)
+    cables = np.full(len(config.cables), plan.noise.shortening)
+    return np.append(cables, np.full(len(config.cavities), plan.noise.pressure))
+
+
+def _watched(config: DeviceConfig, device: Device) -> MaterialPoints | None:
+    if config.centreline is not None:
+        return build_centreline(config, device.body)
+    return build_points(config, device.body) if config.points else None
+
+
+def _outside(plan: DesignPlan, config: DeviceConfig) -> Outline:
+    match config.body.source:
+        case BlockSource() as source:
+            x, y, z = source.size
+            return Outline(
+                np.array([-0.5 * x, -0.5 * y, 0.0]),
+                np.array([0.5 * x, 0.5 * y, z]),
+                np.empty((0, 2, 3)),
+                ((0.0,), (0.0,), (z,)),
+            )
+        case FingerSource() as source:
+            return Outline.of(source.geometry([cavity.centre for cavity in config.cavities]).block())
+        case source:
+            raise ConfigError(
+                f"{plan.path}: device: the body of {config.path} comes from a {source.type}; cavities are "
+                'designed in a "pad", a "layout" or a "finger"'
+            )
+
+
+def _fineness(plan: DesignPlan, config: DeviceConfig) -> Fineness:
+    source = config.body.source
+    if isinstance(source, BlockSource):
+        longest = finer_to_the_top(
+            source.size[2],
+            source.surface_size,
+            growth=source.growth,
+            fine_depth=source.fine_depth,
+        )
+        return Fineness(source.base_size, longest)
+    assert isinstance(source, FingerSource)
+    drawn = np.array([cavity.centre for cavity in plan.cavities])
+    half = np.array([cavity.half for cavity in plan.cavities])
+    boxes = np.stack([drawn - half, drawn + half], axis=1)
+
+    def near_walls(corners: np.ndarray) -> np.ndarray:
+        return source.wall_size + source.growth * edge_distance(boxes, corners).min(axis=1)
+
+    return Fineness(source.base_size, near_walls)
+
+
+def _numbered(name: str, numbers: dict[str, int]) -> str:
+    """ "(-,-), high z" as `wall_names` has it."""
+    for cavity, k in numbers.items():
+        if name.startswith(cavity):
+            return f"cavity {k}{name[len(cavity) :]}"
+    return name
+
+
+def save_designed(
+    plan: DesignPlan,
+    config: DeviceConfig,
+    mesh: LayoutMesh,
+    theta: Float[np.ndarray, " p"],
+    target: Path,
+) -> DeviceConfig:
+    """Write the config of the device whose cavities have parameters (p,), all else and its comments kept, and
+    return it: a "layout" where the outside is a block, else a mesh in a file next to it.
+
+    Raises ConfigError when it cannot be written.
+    """
+    document: Any = tomlkit.parse(file_text(config.path))
+    layout = mesh.layout
+    parts = list(zip(layout.shapes, map(np.asarray, layout.values(jnp.asarray(theta))), strict=True))
+    source: dict[str, Any]
+    match config.body.source:
+        case BlockSource() as block:
+            source = {
+                "type": "layout",
+                "size": [_millimetres(length) for length in block.size],
+                "surface_size": _millimetres(block.surface_size),
+                "fine_depth": _millimetres(block.fine_depth),
+                "growth": block.growth,
+                "base_size": _millimetres(block.base_size),
+                "shape": _tables([written_shape(*part) for part in parts]),
+            }
+        case _:
+            file = target.with_suffix(".vtu")
+            write_mesh(file, mesh.mesh(theta))
+            source = {"type": "mesh", "file": file.name, "unit": "m"}
+    names = [cavity.name for cavity in plan.cavities]
+    document["body"]["source"] = source
+    document["cavity"] = _tables(
+        [{"name": name, "centre": written_centre(*part)} for name, part in zip(names, parts, strict=True)]
+    )
+    text = tomlkit.dumps(document)
+    designed = parse(text, target)
+    try:
+        target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{target} cannot be written: {error.strerror}") from error
+    return designed
+
+
+def _tables(contents: Sequence[dict[str, Any]]) -> AoT:
+    tables = tomlkit.aot()
+    for content in contents:
+        tables.append(tomlkit.item(content))
+    tables[-1].add(tomlkit.nl())
+    return tables
+
+
+def _millimetres(length: float) -> str:
+    return f"{1e3 * length:.12g} mm"
