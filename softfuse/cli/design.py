@@ -11,16 +11,18 @@ from jaxtyping import Array, Float
 
 from softfuse.cli.design_casting import cast
 from softfuse.cli.design_folder import DesignFolder, Identity
-from softfuse.cli.design_report import After, design_page
+from softfuse.cli.design_report import After, design_page, shown
 from softfuse.cli.sweep_worker import installed_version
 from softfuse.cli.terminal import Quiet, busy, counted, printable, stdout, tracked_calls
 from softfuse.config import DeviceConfig, load
 from softfuse.config.build_design import (
+    ShownUnits,
     build_limits_of,
     build_problem,
     finer_config,
     save_designed,
     search_settings,
+    shown_units,
 )
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
@@ -55,7 +57,7 @@ def design(
     names = [f"{k} {measure.name}" for k, measure in enumerate(problem.measures)]
     folder = DesignFolder(out, identity, problem.layout.names, names)
     geometry = Geometry(problem.layout, problem.walls)
-    run = _Run(planned, settings, problem, before, geometry, folder, out)
+    run = _Run(planned, problem, before, shown_units(settings), geometry, folder, out)
     starts = _starts(run, quiet=quiet)
     found = {name: run.search(name, problem, start, quiet=quiet) for name, start in starts.items()}
     best = min(found, key=lambda name: run.merit(found[name].best))
@@ -73,10 +75,10 @@ def design(
             solids = ()
     looked_at = _verified(planned, settings, theta, quiet=quiet)
     after = After(found, best, *looked_at, solids)
-    page = design_page(planned, problem, before, run.folder.trials, after)
+    page = design_page(planned, problem, run.units, before, run.folder.trials, after)
     (out / "report.html").write_text(page, encoding="utf-8")
     if not quiet:
-        _tell(problem, before, after, out)
+        _tell(run, after)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +86,9 @@ class _Run:
     """What all searches of a run have in common."""
 
     plan: DesignPlan
-    config: DeviceConfig
     problem: Problem
     before: Float[np.ndarray, " m"]
+    units: ShownUnits
     geometry: Geometry
     folder: DesignFolder
     out: Path
@@ -100,7 +102,7 @@ class _Run:
                 count()
                 if not self.folder.add(name, trial):
                     return
-                page = design_page(self.plan, self.problem, self.before, self.folder.trials, None)
+                page = design_page(self.plan, self.problem, self.units, self.before, self.folder.trials, None)
                 (self.out / "report.html").write_text(page, encoding="utf-8")
 
             search = Search(problem, self.geometry, search_settings(self.plan), known=known, seen=seen)
@@ -188,15 +190,15 @@ def _verified(
     return before, after, problem.places
 
 
-def _tell(problem: Problem, before: Float[np.ndarray, " m"], after: After, out: Path) -> None:
+def _tell(run: _Run, after: After) -> None:
     best = after.found[after.best]
     assert best.best.value is not None
-    lines = [
-        f"{measure.name}: {was:.4g} as it is, {now:.4g} designed ({measure.unit})"
-        for measure, was, now in zip(problem.measures, before, best.best.value.measures, strict=True)
-    ]
+    lines = []
+    for measure, was, now in zip(run.problem.measures, run.before, best.best.value.measures, strict=True):
+        unit, many = shown(run.units, measure)
+        of = "" if unit == "1" else f" {unit}"
+        lines.append(f"{measure.name}: {many * was:.4g}{of} as it is, {many * now:.4g}{of} designed")
     if not best.kept:
         lines.append("not all limits are kept: see the report")
-    stdout.print(
-        printable("\n".join([*lines, f"written to {out}"])), markup=False, highlight=False, soft_wrap=True
-    )
+    text = printable("\n".join([*lines, f"written to {run.out}"]))
+    stdout.print(text, markup=False, highlight=False, soft_wrap=True)

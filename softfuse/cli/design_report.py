@@ -7,10 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from softfuse.config.build_design import ShownUnits
 from softfuse.config.design_plan import DesignPlan
 from softfuse.design.casting_check import SolidCheck
 from softfuse.design.cube_sphere import cube_sphere
 from softfuse.design.layout import AbstractLayout
+from softfuse.design.objective import AbstractMeasure
 from softfuse.design.problem import Problem
 from softfuse.design.search import Found, Trial
 from softfuse.design.thickness import wall_names, wall_thicknesses
@@ -39,30 +41,41 @@ class After:
 def design_page(
     plan: DesignPlan,
     problem: Problem,
+    units: ShownUnits,
     before: Float[np.ndarray, " m"],
     trials: Sequence[tuple[str, Trial]],
     after: After | None,
 ) -> str:
     """The page, as far as the run has come; before (m,): the measures of the device as it is, in SI."""
-    sections = [("Tried", _tried(problem, before, trials))]
+    sections = [("Tried", _tried(problem, units, before, trials))]
     if after is None:
         last = [trial for _, trial in trials][-1]
         sections.append(("Last", _drawn(problem.layout, last.theta)))
     else:
-        sections = [*_outcome(problem, before, after), *sections]
+        sections = [*_outcome(problem, units, before, after), *sections]
     return page(f"{plan.path.name}: design", sections)
 
 
-def _tried(problem: Problem, before: Float[np.ndarray, " m"], trials: Sequence[tuple[str, Trial]]) -> str:
+def shown(units: ShownUnits, measure: AbstractMeasure) -> tuple[str, float]:
+    """The unit that people read a measure in, and how many of it are one in SI."""
+    return units.get(measure.unit, (measure.unit, 1.0))
+
+
+def _tried(
+    problem: Problem,
+    units: ShownUnits,
+    before: Float[np.ndarray, " m"],
+    trials: Sequence[tuple[str, Trial]],
+) -> str:
+    unit, many = shown(units, problem.objective)
     searches: dict[str, list[float]] = {}
     for name, trial in trials:
-        value = np.nan if trial.value is None else float(trial.value.measures[0])
+        value = np.nan if trial.value is None else many * float(trial.value.measures[0])
         searches.setdefault(name, []).append(value)
-    measure = problem.objective
     figure = tried(
         {name: np.array(values) for name, values in searches.items()},
-        f"{measure.name} [{measure.unit}]",
-        float(before[0]),
+        f"{problem.objective.name} [{unit}]",
+        many * float(before[0]),
     )
     return picture(figure, f"{len(trials)} layouts; gaps are where a new mesh was due.")
 
@@ -81,29 +94,41 @@ def _drawn(layout: AbstractLayout, theta: Float[np.ndarray, " p"]) -> str:
     )
 
 
-def _outcome(problem: Problem, before: Float[np.ndarray, " m"], after: After) -> list[tuple[str, str]]:
+def _outcome(
+    problem: Problem, units: ShownUnits, before: Float[np.ndarray, " m"], after: After
+) -> list[tuple[str, str]]:
     found = after.found[after.best]
     theta, value = found.best.theta, found.best.value
     assert value is not None
     measures = [
-        (measure.name, measure.unit, f"{was:.4g}", f"{now:.4g}")
+        (measure.name, unit, f"{many * was:.4g}", f"{many * now:.4g}")
         for measure, was, now in zip(problem.measures, before, value.measures, strict=True)
+        for unit, many in (shown(units, measure),)
     ]
+    unit, many = units["reading/N"]
+    own, designed = after.own, after.designed
     checked = [
-        ("unevenness of the sensitivity [1]", after.own.unevenness, after.designed.unevenness),
-        ("mean sensitivity [SI/N]", after.own.sensitivity.mean(), after.designed.sensitivity.mean()),
-        ("mean depth [mm/N]", 1e3 * after.own.softness.mean(), 1e3 * after.designed.softness.mean()),
-        ("least part of cavities' heights left", after.own.open_part.min(), after.designed.open_part.min()),
-        ("largest stretch", after.own.stretch.max(), after.designed.stretch.max()),
-        ("nodes of the mesh", after.own.nodes, after.designed.nodes),
+        ("unevenness of the sensitivity", own.unevenness, designed.unevenness),
+        (f"mean sensitivity [{unit}]", many * own.sensitivity.mean(), many * designed.sensitivity.mean()),
+        ("mean depth [mm/N]", 1e3 * own.softness.mean(), 1e3 * designed.softness.mean()),
+        ("least part of cavities' heights left", own.open_part.min(), designed.open_part.min()),
+        ("largest stretch", own.stretch.max(), designed.stretch.max()),
+        ("nodes of the mesh", own.nodes, designed.nodes),
     ]
     parameters = [
         (name, f"{1e3 * x:.3f} mm" if p.unit == "m" else f"{x:.4f}")
         for name, x, p in zip(problem.layout.names, theta, problem.layout.parameters, strict=True)
     ]
     walls = _walls(problem, theta)
+    own_unit, own_many = shown(units, problem.objective)
     ends = [
-        (name, each.ended, str(each.trials), f"{_objective(each):.4g}", "yes" if each.kept else "no")
+        (
+            name,
+            each.ended,
+            str(each.trials),
+            f"{own_many * _objective(each):.4g}",
+            "yes" if each.kept else "no",
+        )
         for name, each in after.found.items()
     ]
     solids = [
@@ -118,14 +143,20 @@ def _outcome(problem: Problem, before: Float[np.ndarray, " m"], after: After) ->
                 ("of the presses", "as it is", "designed"),
                 [(name, f"{was:.4g}", f"{now:.4g}") for name, was, now in checked],
             )
-            + _maps(after),
+            + _maps(unit, many, after),
         ),
         (
             "Cavities",
             _drawn(problem.layout, theta) + table(("parameter", "added to what was drawn"), parameters),
         ),
         ("Walls", table(("wall", "thickness [mm]", "at least [mm]"), walls)),
-        ("Searches", table(("search", "ended as", "layouts", problem.objective.name, "keeps limits"), ends)),
+        (
+            "Searches",
+            table(
+                ("search", "ended as", "layouts", f"{problem.objective.name} [{own_unit}]", "keeps limits"),
+                ends,
+            ),
+        ),
         ("Casting", table(("solid", "volume [mm³]", "handles", "watertight"), solids)),
     ]
 
@@ -143,13 +174,13 @@ def _walls(problem: Problem, theta: Float[np.ndarray, " p"]) -> list[tuple[str, 
     return [(names[k], f"{1e3 * thickness[k]:.3f}", f"{1e3 * least[k]:.3f}") for k in order[:12]]
 
 
-def _maps(after: After) -> str:
+def _maps(unit: str, many: float, after: After) -> str:
     places = np.asarray(after.places)
     if places.ndim < 2:
         return ""
     values = {
-        "as it is": 1e9 * after.own.sensitivity,
-        "designed": 1e9 * after.designed.sensitivity,
+        "as it is": many * after.own.sensitivity,
+        "designed": many * after.designed.sensitivity,
     }
     figure = sensitivity_maps(1e3 * places[:, 0], 1e3 * places[:, 1], values)
-    return picture(figure, "Norm of the volume changes per newton [mm³/N].")
+    return picture(figure, f"Norm of the readings per newton [{unit}].")

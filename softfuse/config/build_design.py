@@ -1,6 +1,6 @@
 """From a design plan and its device's config to the problem that is searched, and back to a config."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,6 +52,9 @@ from softfuse.functional.material_points import MaterialPoints
 from softfuse.mesh.block import edge_distance
 from softfuse.mesh.files import write_mesh
 from softfuse.mesh.pad import finer_to_the_top
+
+ShownUnits = Mapping[str, tuple[str, float]]
+"""By SI unit, the unit that people read and how many of it are one; others are read as they are."""
 
 _PLAIN = {"unevenness": Unevenness, "sensitivity": Sensitivity, "softness": Softness}
 _PRESS = {
@@ -134,6 +137,12 @@ def build_limits_of(
         return Limit(measure, -np.inf if low is None else low * own, np.inf if high is None else high * own)
 
     return tuple(limit(each) for each in settings)
+
+
+def shown_units(config: DeviceConfig) -> ShownUnits:
+    """In which units people read the measures of a device."""
+    reading = ("mm³/N", 1e9) if config.gas is None else ("Pa/N", 1.0)
+    return {"m": ("mm", 1e3), "m/N": ("mm/N", 1e3), "reading/N": reading}
 
 
 def search_settings(plan: DesignPlan) -> SearchSettings:

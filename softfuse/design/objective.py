@@ -58,7 +58,7 @@ class Answers(eqx.Module):
 
 
 class AbstractMeasure(eqx.Module):
-    """A number that a design has: its name, its SI unit, and what it is."""
+    """A number that a design has: its name, its SI unit ("reading" stands for the readings'), what it is."""
 
     name: eqx.AbstractClassVar[str]
     unit: eqx.AbstractClassVar[str]
@@ -83,7 +83,7 @@ class Sensitivity(AbstractMeasure):
     """Mean of |w|."""
 
     name: ClassVar[str] = "sensitivity"
-    unit: ClassVar[str] = "1/N of the readings' unit"
+    unit: ClassVar[str] = "reading/N"
 
     def __call__(self, answers):
         """Over all presses."""

@@ -65,5 +65,6 @@ def sensitivity_maps(
     for axes, (title, value) in zip(np.ravel(figure.subplots(1, len(values))), values.items(), strict=True):
         drawn = axes.scatter(x_mm, y_mm, c=value, s=90, marker="s", vmin=0.0, vmax=most, cmap="viridis")
         axes.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+        axes.margins(0.12)
         figure.colorbar(drawn, ax=axes)
     return figure
