@@ -27,7 +27,7 @@ from softfuse.config.design_plan import (
     PressMeasureSettings,
 )
 from softfuse.config.device import DeviceConfig
-from softfuse.config.file import file_text, parse
+from softfuse.config.file import file_text, saved
 from softfuse.config.sweep_plan import ElectrodePlaces, SweepPlan
 from softfuse.design.layout import Parameter, TiedLayout
 from softfuse.design.layout_mesh import Fineness, LayoutMesh
@@ -216,13 +216,7 @@ def _watched(config: DeviceConfig, device: Device) -> MaterialPoints | None:
 def _outside(plan: DesignPlan, config: DeviceConfig) -> Outline:
     match config.body.source:
         case BlockSource() as source:
-            x, y, z = source.size
-            return Outline(
-                np.array([-0.5 * x, -0.5 * y, 0.0]),
-                np.array([0.5 * x, 0.5 * y, z]),
-                np.empty((0, 2, 3)),
-                ((0.0,), (0.0,), (z,)),
-            )
+            return Outline.of_size(source.size)
         case FingerSource() as source:
             return Outline.of(source.geometry([cavity.centre for cavity in config.cavities]).block())
         case source:
@@ -297,13 +291,7 @@ def save_designed(
     document["cavity"] = _tables(
         [{"name": name, "centre": written_centre(*part)} for name, part in zip(names, parts, strict=True)]
     )
-    text = tomlkit.dumps(document)
-    designed = parse(text, target)
-    try:
-        target.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{target} cannot be written: {error.strerror}") from error
-    return designed
+    return saved(tomlkit.dumps(document), target)
 
 
 def _tables(contents: Sequence[dict[str, Any]]) -> AoT:

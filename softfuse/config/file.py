@@ -72,7 +72,14 @@ def save_edited(source: str | Path, target: str | Path, edits: Edits) -> DeviceC
     _move_files(document, source.parent, target.parent)
     for place, value in edits.items():
         _set(document, place, value, source)
-    text = tomlkit.dumps(document)
+    return saved(tomlkit.dumps(document), target)
+
+
+def saved(text: str, target: Path) -> DeviceConfig:
+    """Write the TOML text of a configuration to a file and return it.
+
+    Raises ConfigError when it is not valid (nothing is written then), or the file cannot be written.
+    """
     config = parse(text, target)
     try:
         target.write_text(text, encoding="utf-8")

@@ -32,15 +32,8 @@ class LayoutDrawing(AbstractBlockDrawing):
 
     def layout(self) -> TiedLayout:
         """The layout without parameters; raises MeshError when the block has no volume."""
-        x, y, z = self.size
-        outline = Outline(
-            low=np.array([-0.5 * x, -0.5 * y, 0.0]),
-            high=np.array([0.5 * x, 0.5 * y, z]),
-            notches=np.empty((0, 2, 3)),
-            planes=((0.0,), (0.0,), (z,)),
-        )
         named = [(shape, dict(zip(shape.names, values, strict=True))) for shape, values in self.cavities]
-        return TiedLayout.of(outline, named, ())
+        return TiedLayout.of(Outline.of_size(self.size), named, ())
 
     def mesh(self, surface_size, base_size, *, growth=1.0, fine_depth=0.0):
         """Quadratic tetrahedra with curved walls; see `layout_mesh` for the errors, and MeshError where no
