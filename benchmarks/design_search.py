@@ -4,9 +4,10 @@
 
 PLAN is a design task, configs/design_pad.toml if none is given; its device's mesh has edges that are so many
 times longer (1.6), so that thousands of solves are affordable, and stays the same for all: layouts in which
-it is worn are refused to each. All begin with the first random start of the plan and keep the same walls and
-limits: the first two by SLSQP, CMA-ES by an augmented Lagrangian (pycma). A solve is one layout's answer to
-all presses; one with gradients counts as one, and takes longer, so seconds are told too, without compiling.
+it is worn are refused to each. All begin with the cavities as drawn, may move as far as a search does on one
+mesh and keep the same walls and limits: the first two by SLSQP, CMA-ES by an augmented Lagrangian (pycma). A
+solve is one layout's answer to all presses; one with gradients counts as one, and takes longer, so seconds
+are told too, without compiling.
 Printed: the best objective that keeps walls and limits after so many solves, and how many each needs to come
 within 1 % of what gradients found. CMA-ES is given up after N solves (1500).
 """
@@ -14,9 +15,10 @@ within 1 % of what gradients found. CMA-ES is given up after N solves (1500).
 import argparse
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import chdir, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cma
 import numpy as np
@@ -24,11 +26,12 @@ from scipy.optimize import minimize
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.config import load
-from softfuse.config.build_design import build_limits_of, build_problem, finer_config
+from softfuse.config.build_design import build_limits, build_problem, finer_config
 from softfuse.config.build_device import build_device
+from softfuse.config.build_mesh import build_mesh
 from softfuse.config.design_plan import load_design
+from softfuse.design.limits import room, room_slopes
 from softfuse.design.problem import Geometry, MeshedProblem, Problem
-from softfuse.design.starts import random_starts
 
 _KEPT = 1e-3
 """By how many parts of a limit, or millimetres of wall, a layout may miss these."""
@@ -90,23 +93,17 @@ class Task:
             measures, slopes = solve(theta)
             self.count.solves += 1
         self.count.seconds += time.perf_counter() - begin
-        signs = [
-            (k, s, b)
-            for k, limit in enumerate(self.problem.limits, 1)
-            for s, b in ((1.0, limit.at_least), (-1.0, limit.at_most))
-            if np.isfinite(b)
-        ]
-        room = np.array([s * (measures[k] - b) / abs(b) for k, s, b in signs])
+        within = room(self.problem.limits, measures[1:])
         spare = 1e3 * self.geometry.spare(theta)
-        values = np.concatenate([measures[:1], room, spare])
-        kept = np.all(np.concatenate([room, spare]) >= -_KEPT) and np.isfinite(measures[0])
+        values = np.concatenate([measures[:1], within, spare])
+        kept = np.all(np.concatenate([within, spare]) >= -_KEPT) and np.isfinite(measures[0])
         best = self.count.best[-1] if self.count.best else np.inf
         self.count.best.append(min(best, float(measures[0])) if kept else best)
         self.count.at_s.append(self.count.seconds)
         found = values, slopes
         if len(slopes):
-            rows = [slopes[0], *(s * slopes[k] / abs(b) for k, s, b in signs)]
-            found = values, np.vstack([rows, 1e3 * self.geometry.slope(theta)]) * self.scale
+            rows = slopes[:1], room_slopes(self.problem.limits, slopes[1:]), 1e3 * self.geometry.slope(theta)
+            found = values, np.vstack(rows) * self.scale
         self._kept[key] = found
         return found
 
@@ -169,22 +166,27 @@ def main() -> None:
     plan = load_design(given.plan)
     config = finer_config(load(plan.device), 1.0 / given.coarser)
     problem = build_problem(plan, config)
-    limits = build_limits_of(plan, config, build_device(config), problem, plan.limits)
-    problem = replace(problem, limits=limits)
+    own = build_mesh(config)
+    answers = problem.answered(build_device(config, own), own.cavities)
+    problem = replace(problem, limits=build_limits(plan, config, answers, plan.limits))
     layout = problem.layout
-    geometry = Geometry(layout, problem.walls)
-    theta = random_starts(layout, geometry, 1, given.seed)[0]
+    geometry = Geometry(layout, problem.walls, problem.guides)
+    theta = layout.start
     meshed = problem.on_mesh(theta)
     start = theta / layout.scale
     for compiled in (meshed.value, meshed.measures):
         compiled(theta)
-    bounds = np.stack([layout.lower, layout.upper], axis=1) / layout.scale[:, None]
+    low = np.maximum(layout.lower / layout.scale, start - plan.search.move)
+    high = np.minimum(layout.upper / layout.scale, start + plan.search.move)
+    bounds = np.stack([low, high], axis=1)
     print(f"{len(start)} parameters, {len(meshed.mesh.boxes)} nodes, {len(problem.places)} presses")
     runs: dict[str, Count] = {}
     for name in ("gradients", "finite differences", "CMA-ES"):
         task = Task(problem, meshed, geometry)
         if name == "CMA-ES":
-            by_cma(task, start, bounds, most=given.most, seed=given.seed)
+            # It keeps a journal where it runs.
+            with TemporaryDirectory() as folder, chdir(folder):
+                by_cma(task, start, bounds, most=given.most, seed=given.seed)
         else:
             by_slsqp(task, start, bounds, gradients=name == "gradients", most=given.most)
         runs[name] = task.count
@@ -192,17 +194,17 @@ def main() -> None:
             f"{name}: {task.count.solves} solves, {task.count.seconds:.0f} s, best {task.count.best[-1]:.4f}"
         )
     aim = _EQUAL * runs["gradients"].best[-1]
-    own = runs["gradients"].until(aim)
-    assert own is not None
+    least = runs["gradients"].until(aim)
+    assert least is not None
     print(f"until {aim:.4f}:")
     for name, count in runs.items():
         reached = count.until(aim)
         if reached is None:
-            times = count.solves / own[0]
+            times = count.solves / least[0]
             print(f"  {name}: not within {count.solves} solves, more than {times:.0f} times as many")
         else:
             solves, seconds = reached
-            as_many, as_long = solves / own[0], seconds / own[1]
+            as_many, as_long = solves / least[0], seconds / least[1]
             print(f"  {name}: {solves} solves, {as_many:.1f} times; {seconds:.0f} s, {as_long:.1f} times")
 
 

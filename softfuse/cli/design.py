@@ -1,7 +1,8 @@
 """softfuse design: cavities that tell forces, places or shapes better, found by gradients."""
 
 import logging
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,31 +10,31 @@ import numpy as np
 import typer
 from jaxtyping import Array, Float
 
+from softfuse.cli.cluster import one_of
 from softfuse.cli.design_casting import cast
 from softfuse.cli.design_folder import DesignFolder, Identity
-from softfuse.cli.design_report import After, design_page, shown
-from softfuse.cli.sweep_worker import installed_version
-from softfuse.cli.terminal import Quiet, busy, counted, printable, stdout, tracked_calls
+from softfuse.cli.design_report import After, Verified, design_page, shown
+from softfuse.cli.design_run import DesignRun, Wanted, Workers
+from softfuse.cli.design_worker import Task
+from softfuse.cli.terminal import Quiet, busy, printable, stdout, tracked_calls
+from softfuse.cli.version import installed_version
 from softfuse.config import DeviceConfig, load
 from softfuse.config.build_design import (
-    ShownUnits,
-    build_limits_of,
+    build_limits,
     build_problem,
     finer_config,
+    limits_of,
     save_designed,
-    search_settings,
     shown_units,
 )
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
 from softfuse.config.design_plan import DesignPlan, load_design
 from softfuse.config.digest import digest
-from softfuse.design.problem import Geometry, Problem
-from softfuse.design.search import Found, Search, Trial, merit
-from softfuse.design.starts import random_starts
-from softfuse.design.verification import Pressed, pressed
-from softfuse.errors import MeshError, SoftfuseError
-from softfuse.estimation.device import Device
+from softfuse.design.objective import AbstractMeasure, Answers, measured
+from softfuse.design.problem import Geometry
+from softfuse.design.verification import pressed
+from softfuse.errors import SoftfuseError
 
 log = logging.getLogger(__name__)
 
@@ -41,28 +42,42 @@ log = logging.getLogger(__name__)
 def design(
     plan: Annotated[Path, typer.Argument(help="What is looked for (TOML), such as configs/design_pad.toml.")],
     out: Annotated[Path, typer.Option(help="Folder for the results; a run in it is continued.")],
+    scheduler: Annotated[
+        str | None, typer.Option(help="A Dask scheduler that you trust: starts are searched on its workers.")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Search starts in so many processes on this computer.", min=1)
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Find cavities whose readings tell more, and write the device, its mould and a report."""
+    one_of(scheduler, workers)
     planned = load_design(plan)
     settings = load(planned.device)
     problem = build_problem(planned, settings)
     with busy("the device as it is", quiet=quiet):
-        device = build_device(settings)
-        fronts = () if planned.front is None else (planned.front.unlimited,)
-        limits = build_limits_of(planned, settings, device, problem, (*planned.limits, *fronts))
-        problem = replace(problem, limits=limits)
-        before = _measures(problem, device)
-    identity = Identity(installed_version(), digest(planned), digest(settings))
+        mesh = build_mesh(settings)
+        own = problem.answered(build_device(settings, mesh), mesh.cavities)
+    problem = replace(problem, limits=build_limits(planned, settings, own, limits_of(planned)))
+    before = np.asarray(measured(problem.measures, own))
+    task = Task(str(plan.resolve()), digest(planned), digest(settings), installed_version())
     names = [f"{k} {measure.name}" for k, measure in enumerate(problem.measures)]
-    folder = DesignFolder(out, identity, problem.layout.names, names)
-    geometry = Geometry(problem.layout, problem.walls)
-    run = _Run(planned, problem, before, shown_units(settings), geometry, folder, out)
-    starts = _starts(run, quiet=quiet)
-    found = {name: run.search(name, problem, start, quiet=quiet) for name, start in starts.items()}
+    folder = DesignFolder(out, Identity(task.version, task.plan, task.config), problem.layout.names, names)
+    run = DesignRun(
+        planned,
+        task,
+        problem,
+        before,
+        shown_units(settings),
+        Geometry(problem.layout, problem.walls, problem.guides),
+        folder,
+        out,
+        None if scheduler is None and workers is None else Workers(scheduler, workers),
+        quiet,
+    )
+    found = run.searched(run.starts())
     best = min(found, key=lambda name: run.merit(found[name].best))
-    for name, limited in _front(planned, settings, device, problem):
-        found[name] = run.search(name, limited, found[best].best.theta, quiet=quiet)
+    found |= run.searched(_front(run, settings, own, found[best].best.theta))
     theta = found[best].best.theta
     with busy("writing the device", quiet=quiet):
         mesh = problem.on_mesh(theta).mesh
@@ -73,107 +88,40 @@ def design(
             # What was found is not lost with it.
             log.warning("no surfaces to cast: %s", error)
             solids = ()
-    looked_at = _verified(planned, settings, theta, quiet=quiet)
+    looked_at = _verified(planned, settings, problem.measures, theta, quiet=quiet)
     after = After(found, best, *looked_at, solids)
-    page = design_page(planned, problem, run.units, before, run.folder.trials, after)
+    page = design_page(planned, problem, run.units, before, folder.trials, after)
     (out / "report.html").write_text(page, encoding="utf-8")
     if not quiet:
         _tell(run, after)
 
 
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """What all searches of a run have in common."""
-
-    plan: DesignPlan
-    problem: Problem
-    before: Float[np.ndarray, " m"]
-    units: ShownUnits
-    geometry: Geometry
-    folder: DesignFolder
-    out: Path
-
-    def search(self, name: str, problem: Problem, start: Float[np.ndarray, " p"], *, quiet: bool) -> Found:
-        """Search from parameters (p,), what is known of it from before included."""
-        known = self.folder.known(name)
-        with counted(name, "trials", quiet=quiet) as count:
-
-            def seen(trial: Trial) -> None:
-                count()
-                if not self.folder.add(name, trial):
-                    return
-                page = design_page(self.plan, self.problem, self.units, self.before, self.folder.trials, None)
-                (self.out / "report.html").write_text(page, encoding="utf-8")
-
-            search = Search(problem, self.geometry, search_settings(self.plan), known=known, seen=seen)
-            return search.run(start)
-
-    def merit(self, trial: Trial) -> tuple[float, float]:
-        """By how much it misses limits, then the objective."""
-        return merit(self.problem, self.geometry, trial)
-
-
-def _measures(problem: Problem, device: Device) -> Float[np.ndarray, " m"]:
-    answers = problem.answers(device, problem.watch(device))
-    return np.array([float(measure(answers)) for measure in problem.measures])
-
-
-def _starts(run: _Run, *, quiet: bool) -> dict[str, Float[np.ndarray, " p"]]:
-    """The cavities as drawn, then the best of the random starts, as many as are followed in all."""
-    look, layout = run.plan.search, run.problem.layout
-    starts = {"as drawn": layout.start}
-    if look.starts == 0:
-        return starts
-    with busy("random starts", quiet=quiet):
-        each = random_starts(layout, run.geometry, look.starts, look.seed)
-    starts |= {f"start {k}": theta for k, theta in enumerate(each)}
-    merits = {}
-    with tracked_calls("first looks", total=len(starts), quiet=quiet) as seen:
-        for name, theta in starts.items():
-            first = _first_look(run, name, theta)
-            seen()
-            if first is not None:
-                merits[name] = run.merit(first)
-    if not merits:
-        raise SoftfuseError(f"{run.plan.path}: no start has a mesh: make the parameters' bounds narrower")
-    chosen = sorted(merits, key=lambda name: merits[name])[: look.followed]
-    return {name: starts[name] for name in chosen}
-
-
-def _first_look(run: _Run, name: str, theta: Float[np.ndarray, " p"]) -> Trial | None:
-    """The first trial of a search from parameters (p,); None where there is no mesh."""
-    known = [trial for trial in run.folder.known(name) if trial.leg == 0]
-    if known:
-        return known[0]
-    try:
-        trial = Trial(0, theta, run.problem.on_mesh(theta).value(theta))
-    except MeshError:
-        return None
-    run.folder.add(name, trial)
-    return trial
-
-
 def _front(
-    plan: DesignPlan, config: DeviceConfig, device: Device, problem: Problem
-) -> list[tuple[str, Problem]]:
-    """The problems of a Pareto front, by name."""
-    front = plan.front
+    run: DesignRun, config: DeviceConfig, own: Answers, theta: Float[np.ndarray, " p"]
+) -> list[Wanted]:
+    """The searches of a Pareto front, from parameters (p,)."""
+    front = run.plan.front
     if front is None:
         return []
     kind = "at_least" if front.at_least else "at_most"
-    problems = []
+    searches = []
     for part in front.at_least or front.at_most:
-        limit = build_limits_of(plan, config, device, problem, [front.limit(part)])
+        limit = build_limits(run.plan, config, own, [front.limit(part)])
         # In the place of the one that only measures.
-        limited = replace(problem, limits=(*problem.limits[:-1], *limit))
-        problems.append((f"{front.of.measure} {kind} {part:g}", limited))
-    return problems
+        limited = replace(run.problem, limits=(*run.problem.limits[:-1], *limit))
+        searches.append(Wanted(f"{front.of.measure} {kind} {part:g}", limited, theta))
+    return searches
 
 
 def _verified(
-    plan: DesignPlan, config: DeviceConfig, theta: Float[np.ndarray, " p"], *, quiet: bool
-) -> tuple[Pressed, Pressed, Array]:
-    """The device as it is, and that with parameters (p,), pressed on meshes of their own; the places."""
+    plan: DesignPlan,
+    config: DeviceConfig,
+    measures: Sequence[AbstractMeasure],
+    theta: Float[np.ndarray, " p"],
+    *,
+    quiet: bool,
+) -> tuple[Verified, Verified, Array]:
+    """The device as it is, and that with parameters (p,), on meshes of their own; the places."""
     finer = finer_config(config, plan.verify.finer)
     problem = build_problem(plan, finer)
     with busy("finer meshes", quiet=quiet):
@@ -182,15 +130,17 @@ def _verified(
             (build_device(finer, own), own.cavities),
             (problem.build(mesh, theta), mesh.walls),
         )
+        at_rest = [np.asarray(measured(measures, problem.answered(*each))) for each in devices]
     with tracked_calls("pressing", total=2 * len(problem.places), quiet=quiet) as seen:
-        before, after = (
+        hard = [
             pressed(device, [wall.faces for wall in walls], problem.places, plan.verify.force, seen=seen)
             for device, walls in devices
-        )
+        ]
+    before, after = map(Verified, at_rest, hard)
     return before, after, problem.places
 
 
-def _tell(run: _Run, after: After) -> None:
+def _tell(run: DesignRun, after: After) -> None:
     best = after.found[after.best]
     assert best.best.value is not None
     lines = []

@@ -25,15 +25,23 @@ _CELLS = 8
 
 
 @dataclass(frozen=True, eq=False)
+class Verified:
+    """A device looked at again on a finer mesh: measures (m,) in SI, and presses of a real force."""
+
+    measures: Float[np.ndarray, " m"]
+    pressed: Pressed
+
+
+@dataclass(frozen=True, eq=False)
 class After:
-    """What a run has found: by search, and the best one's name; the device as it is and as designed, pressed
-    at places; what was checked of the casting.
+    """What a run has found: by search, and the best one's name; the device as it is and as designed, looked
+    at again at places; what was checked of the casting.
     """
 
     found: Mapping[str, Found]
     best: str
-    own: Pressed
-    designed: Pressed
+    own: Verified
+    designed: Verified
     places: Array
     solids: tuple[SolidCheck, ...]
 
@@ -77,7 +85,35 @@ def _tried(
         f"{problem.objective.name} [{unit}]",
         many * float(before[0]),
     )
-    return picture(figure, f"{len(trials)} layouts; gaps are where a new mesh was due.")
+    told = picture(figure, f"{len(trials)} layouts; gaps are where a new mesh was due.")
+    jumps = [
+        (name, str(leg), *(f"{100.0 * part:.2g} %" for part in parts))
+        for name, leg, parts in across_meshes(trials)
+    ]
+    if jumps:
+        names = [measure.name for measure in problem.measures]
+        told += "<p>By how much measures of the same layout change where a new mesh goes on:</p>"
+        told += table(("search", "mesh", *names), jumps)
+    return told
+
+
+def across_meshes(
+    trials: Sequence[tuple[str, Trial]],
+) -> list[tuple[str, int, Float[np.ndarray, " m"]]]:
+    """Of each mesh that went on from another one, the search, its number from 1 and by which part (m,) [-]
+    the measures of the layout that both have changed.
+    """
+    values = {
+        (name, trial.leg, trial.theta.tobytes()): trial.value.measures
+        for name, trial in trials
+        if trial.value is not None
+    }
+    changes = []
+    for (name, leg, theta), after in values.items():
+        before = values.get((name, leg - 1, theta))
+        if before is not None:
+            changes.append((name, leg, np.abs(after / before - 1.0)))
+    return changes
 
 
 def _drawn(layout: AbstractLayout, theta: Float[np.ndarray, " p"]) -> str:
@@ -100,13 +136,14 @@ def _outcome(
     found = after.found[after.best]
     theta, value = found.best.theta, found.best.value
     assert value is not None
+    looked_at = zip(before, value.measures, after.own.measures, after.designed.measures, strict=True)
     measures = [
-        (measure.name, unit, f"{many * was:.4g}", f"{many * now:.4g}")
-        for measure, was, now in zip(problem.measures, before, value.measures, strict=True)
+        (measure.name, unit, *(f"{many * number:.4g}" for number in numbers))
+        for measure, numbers in zip(problem.measures, looked_at, strict=True)
         for unit, many in (shown(units, measure),)
     ]
     unit, many = units["reading/N"]
-    own, designed = after.own, after.designed
+    own, designed = after.own.pressed, after.designed.pressed
     checked = [
         ("unevenness of the sensitivity", own.unevenness, designed.unevenness),
         (f"mean sensitivity [{unit}]", many * own.sensitivity.mean(), many * designed.sensitivity.mean()),
@@ -136,7 +173,13 @@ def _outcome(
         for solid in after.solids
     ]
     return [
-        ("Before and after", table(("measure", "unit", "as it is", "designed"), measures)),
+        (
+            "Before and after",
+            table(
+                ("measure", "unit", "as it is", "designed", "as it is, finer mesh", "designed, finer mesh"),
+                measures,
+            ),
+        ),
         (
             "Looked at again, by equilibria on a finer mesh",
             table(
@@ -179,8 +222,8 @@ def _maps(unit: str, many: float, after: After) -> str:
     if places.ndim < 2:
         return ""
     values = {
-        "as it is": many * after.own.sensitivity,
-        "designed": many * after.designed.sensitivity,
+        "as it is": many * after.own.pressed.sensitivity,
+        "designed": many * after.designed.pressed.sensitivity,
     }
     figure = sensitivity_maps(1e3 * places[:, 0], 1e3 * places[:, 1], values)
     return picture(figure, f"Norm of the readings per newton [{unit}].")

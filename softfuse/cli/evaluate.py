@@ -15,8 +15,8 @@ from softfuse.cli.evaluation_report import write_evaluation
 from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.recorded import sensor_columns
 from softfuse.cli.result_folder import claim
-from softfuse.cli.sweep_worker import installed_version
 from softfuse.cli.terminal import Quiet, busy, printable, stdout
+from softfuse.cli.version import installed_version
 from softfuse.config import DeviceConfig, load
 from softfuse.config.build_evaluation import Bed, build_bed
 from softfuse.config.build_virtual_pad import PadPlan

@@ -6,18 +6,17 @@ from typing import Annotated
 
 import typer
 
+from softfuse.cli.cluster import cluster_of, finished, one_of
 from softfuse.cli.interruption import termination_interrupts
-from softfuse.cli.sweep_cluster import local_cluster, remote_cluster, solved
 from softfuse.cli.sweep_folder import Identity, SweepFolder
 from softfuse.cli.sweep_table import SweepTable
-from softfuse.cli.sweep_worker import Chunk, Pressed, chunks_of, installed_version
+from softfuse.cli.sweep_worker import Chunk, Pressed, chunks_of, solve_chunk
 from softfuse.cli.terminal import Quiet, busy, printable, stdout, tracked
+from softfuse.cli.version import installed_version
 from softfuse.config.build_sweep import build_series, shortened_cables
 from softfuse.config.digest import digest
 from softfuse.config.file import file_text, parse
 from softfuse.config.sweep_plan import load_plan
-from softfuse.errors import SoftfuseError
-from softfuse.estimation.side_by_side import cores
 
 
 def sweep(
@@ -33,8 +32,7 @@ def sweep(
     quiet: Quiet = False,
 ) -> None:
     """Simulate a device under many contacts, forces, cables and moduli; goes on where it stopped."""
-    if scheduler is not None and workers is not None:
-        raise SoftfuseError("--workers are processes on this computer, --scheduler has its own: give one")
+    one_of(scheduler, workers)
     text = file_text(config)
     settings, planned = parse(text, config), load_plan(plan)
     series = build_series(planned, settings)
@@ -66,9 +64,7 @@ def _solve(
 ) -> None:
     with ExitStack() as open_until_done:
         with busy("starting workers", quiet=quiet):
-            most = min(workers or cores(), len(chunks))
-            cluster = local_cluster(most) if scheduler is None else remote_cluster(scheduler)
-            client = open_until_done.enter_context(cluster)
-        finished = solved(client, chunks)
-        for chunk, rows in tracked(finished, "solving", total=len(chunks), quiet=quiet):
+            client = open_until_done.enter_context(cluster_of(scheduler, workers, len(chunks)))
+        solved = finished(client, solve_chunk, chunks)
+        for chunk, rows in tracked(solved, "solving", total=len(chunks), quiet=quiet):
             folder.write(chunk.number, rows)

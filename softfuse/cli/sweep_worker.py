@@ -3,8 +3,6 @@
 Client and worker exchange plain data only: the config as text, numbers, names.
 """
 
-import importlib.metadata
-import signal
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,6 +12,7 @@ from threading import Lock
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.sweep_table import SweepTable, Value
+from softfuse.cli.version import require_version
 from softfuse.config import DeviceConfig, parse
 from softfuse.config.build_device import build_device
 from softfuse.config.build_sweep import with_moduli, with_shortened
@@ -52,11 +51,10 @@ class Chunk:
         """Number of cases."""
         return sum(len(each.forces) for each in self.series)
 
-
-def dask_setup(worker: object) -> None:
-    """Leave a Ctrl-C to the client, which ends its workers: called by Dask in those of this computer."""
-    del worker
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    @property
+    def title(self) -> str:
+        """By its first case."""
+        return f"case {self.series[0].number}"
 
 
 def chunks_of(pressed: Pressed, series: Sequence[Series], cases: int) -> list[Chunk]:
@@ -70,11 +68,6 @@ def chunks_of(pressed: Pressed, series: Sequence[Series], cases: int) -> list[Ch
         groups[-1].append(each)
         room -= len(each.forces)
     return [Chunk(number, pressed, tuple(group)) for number, group in enumerate(groups)]
-
-
-def installed_version() -> str:
-    """The version of softfuse that is installed here."""
-    return importlib.metadata.version("softfuse")
 
 
 def solve_chunk(chunk: Chunk) -> list[list[Value]]:
@@ -104,10 +97,7 @@ _building = Lock()
 
 @lru_cache(maxsize=1)
 def _device(pressed: Pressed) -> tuple[DeviceConfig, Device]:
-    if installed_version() != pressed.version:
-        raise SoftfuseError(
-            f"a worker has softfuse {installed_version()}, here it is {pressed.version}: install the same"
-        )
+    require_version(pressed.version)
     config = parse(pressed.text, Path(pressed.path))
     if digest(config) != pressed.digest:
         raise SoftfuseError(f"{pressed.path}: a worker finds other files than here: share the folder")

@@ -12,6 +12,7 @@ from tomlkit.items import AoT
 
 from softfuse.config.body import BlockSource, FingerSource
 from softfuse.config.build_attached import build_centreline, build_points
+from softfuse.config.build_cable_route import CableRoute
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import device_mesh
 from softfuse.config.build_sweep import build_series
@@ -25,14 +26,18 @@ from softfuse.config.design_plan import (
     PlaceErrorSettings,
     PlainMeasureSettings,
     PressMeasureSettings,
+    SufferedSettings,
 )
 from softfuse.config.device import DeviceConfig
-from softfuse.config.file import file_text, saved
+from softfuse.config.file import moved, saved
 from softfuse.config.sweep_plan import ElectrodePlaces, SweepPlan
 from softfuse.design.layout import Parameter, TiedLayout
 from softfuse.design.layout_mesh import Fineness, LayoutMesh
+from softfuse.design.limits import Limit
 from softfuse.design.objective import (
     AbstractMeasure,
+    Answers,
+    Closing,
     ForceError,
     Ignorance,
     PairError,
@@ -40,11 +45,12 @@ from softfuse.design.objective import (
     Sensitivity,
     ShapeError,
     Softness,
+    Strain,
     Unevenness,
     WorstForceError,
 )
 from softfuse.design.outline import Outline
-from softfuse.design.problem import Limit, Problem, Walls
+from softfuse.design.problem import Problem, Walls
 from softfuse.design.search import SearchSettings
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
@@ -63,6 +69,7 @@ _PRESS = {
     "ignorance": Ignorance,
     "shape-error": ShapeError,
 }
+_SUFFERED = {"closing": Closing, "strain": Strain}
 
 
 def build_layout(plan: DesignPlan, config: DeviceConfig) -> TiedLayout:
@@ -78,7 +85,9 @@ def build_layout(plan: DesignPlan, config: DeviceConfig) -> TiedLayout:
     numbers = {cavity.name: k for k, cavity in enumerate(plan.cavities)}
 
     def parameter(settings: ParameterSettings) -> Parameter:
-        adds = {(numbers[tie.cavity], tie.value): tie.times for tie in settings.adds}
+        adds = {
+            (numbers[tie.cavity], tie.value): tie.times for tie in settings.adds if tie.cavity is not None
+        }
         low, high = settings.bounds
         return Parameter(settings.name, 0.0, low, high, settings.unit, settings.usual_change, adds)
 
@@ -87,7 +96,7 @@ def build_layout(plan: DesignPlan, config: DeviceConfig) -> TiedLayout:
 
 
 def build_problem(plan: DesignPlan, config: DeviceConfig) -> Problem:
-    """The problem of a plan without its limits, which need the device as it is: see `build_limits_of`.
+    """The problem of a plan without its limits, which need the device as it is: see `build_limits`.
 
     Raises ConfigError as `build_layout` does, or when places and measures do not suit the device.
     """
@@ -102,8 +111,11 @@ def build_problem(plan: DesignPlan, config: DeviceConfig) -> Problem:
     fronts = () if plan.front is None else (plan.front.of,)
     wanted = (plan.objective, *(limit.of for limit in plan.limits), *fronts)
 
+    route = CableRoute.of(plan, config)
+
     def build(mesh: LayoutMesh, theta: Float[np.ndarray, " p"]) -> Device:
-        return build_device(config, device_mesh(config, mesh.mesh(theta), mesh.walls))
+        routed = route.configured(config, theta)
+        return build_device(routed, device_mesh(routed, mesh.mesh(theta), mesh.walls))
 
     return Problem(
         layout=layout,
@@ -117,26 +129,36 @@ def build_problem(plan: DesignPlan, config: DeviceConfig) -> Problem:
         by_place=not names
         and any(isinstance(each, PressMeasureSettings | PlaceErrorSettings) for each in wanted),
         watch=lambda device: _watched(config, device),
+        follow=route.on_device,
+        guides=lambda theta: jnp.concatenate([jnp.zeros((0, 3)), *route.guides(theta)]),
     )
 
 
-def build_limits_of(
-    plan: DesignPlan,
-    config: DeviceConfig,
-    device: Device,
-    problem: Problem,
-    settings: Sequence[LimitSettings],
+def limits_of(plan: DesignPlan) -> tuple[LimitSettings, ...]:
+    """The limits of a plan, then what its front limits, as yet without one."""
+    return plan.limits if plan.front is None else (*plan.limits, plan.front.unlimited)
+
+
+def build_limits(
+    plan: DesignPlan, config: DeviceConfig, own: Answers, settings: Sequence[LimitSettings]
 ) -> tuple[Limit, ...]:
-    """Limits as parts of the measures of a device of the config, as it is."""
-    answers = problem.answers(device, problem.watch(device))
+    """Limits, those in parts of the device's own by its answers as it is."""
+
+    def limit(settings: LimitSettings, measure: AbstractMeasure) -> Limit:
+        is_now = float(measure(own))
+        low = -np.inf if settings.at_least is None else settings.at_least * is_now
+        high = np.inf if settings.at_most is None else settings.at_most * is_now
+        return Limit(measure, low, high if settings.most is None else settings.most)
+
+    return tuple(map(limit, settings, limit_measures(plan, config, settings)))
+
+
+def limit_measures(
+    plan: DesignPlan, config: DeviceConfig, settings: Sequence[LimitSettings]
+) -> tuple[AbstractMeasure, ...]:
+    """What limits are of."""
     _, names = build_places(plan, config)
-
-    def limit(settings: LimitSettings) -> Limit:
-        measure = build_measure(plan, settings.of, names)
-        own, low, high = float(measure(answers)), settings.at_least, settings.at_most
-        return Limit(measure, -np.inf if low is None else low * own, np.inf if high is None else high * own)
-
-    return tuple(limit(each) for each in settings)
+    return tuple(build_measure(plan, each.of, names) for each in settings)
 
 
 def shown_units(config: DeviceConfig) -> ShownUnits:
@@ -187,6 +209,8 @@ def build_measure(plan: DesignPlan, settings: AnyMeasure, names: Sequence[str]) 
             return _PLAIN[settings.measure]()
         case PressMeasureSettings():
             return _PRESS[settings.measure](settings.force, settings.place_sigma)
+        case SufferedSettings():
+            return _SUFFERED[settings.measure](settings.force)
         case PlaceErrorSettings():
             return PlaceError(settings.force)
         case PairErrorSettings():
@@ -249,7 +273,8 @@ def _fineness(plan: DesignPlan, config: DeviceConfig) -> Fineness:
 
 def _numbered(name: str, numbers: dict[str, int]) -> str:
     """ "(-,-), high z" as `wall_names` has it."""
-    for cavity, k in numbers.items():
+    # "left", but not where it is "left of the middle".
+    for cavity, k in sorted(numbers.items(), key=lambda item: -len(item[0])):
         if name.startswith(cavity):
             return f"cavity {k}{name[len(cavity) :]}"
     return name
@@ -267,7 +292,7 @@ def save_designed(
 
     Raises ConfigError when it cannot be written.
     """
-    document: Any = tomlkit.parse(file_text(config.path))
+    document = moved(config.path, target)
     layout = mesh.layout
     parts = list(zip(layout.shapes, map(np.asarray, layout.values(jnp.asarray(theta))), strict=True))
     source: dict[str, Any]
@@ -288,6 +313,9 @@ def save_designed(
             source = {"type": "mesh", "file": file.name, "unit": "m"}
     names = [cavity.name for cavity in plan.cavities]
     document["body"]["source"] = source
+    guides = CableRoute.of(plan, config).guides(jnp.asarray(theta))
+    for cable, places in zip(document.get("cable", ()), guides, strict=True):
+        cable["guides"] = [[_millimetres(float(x)) for x in place] for place in places]
     document["cavity"] = _tables(
         [{"name": name, "centre": written_centre(*part)} for name, part in zip(names, parts, strict=True)]
     )

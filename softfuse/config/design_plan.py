@@ -27,6 +27,9 @@ from softfuse.config.quantity import (
 from softfuse.config.settings import ExistingFile, FileSettings, NotEmpty, Settings, Vector
 from softfuse.config.sweep_plan import AnyPlaces
 
+AXES = ("x", "y", "z")
+"""Names of the coordinates of a guide."""
+
 Quantity = str | float
 """Of a kind that depends on the value that it changes: "2 mm", "5 deg" or 0.1."""
 
@@ -49,11 +52,25 @@ DrawnCavity = Annotated[DrawnRoundedBox | DrawnSuperellipsoid, Field(discriminat
 
 
 class TieSettings(Settings):
-    """Values of cavities that a parameter is added to, so many times: see `CavityShape.names`."""
+    """Values of a cavity, see `CavityShape.names`, or "x", "y", "z" of a cable's guides, all or those
+    numbered from 0, that a parameter is added to, so many times.
+    """
 
-    cavity: str
+    cavity: str | None = None
+    cable: str | None = None
+    guides: Annotated[tuple[Annotated[Integer, Ge(0)], ...], NotEmpty] | None = None
     value: str
     times: Number = 1.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.cavity is None) == (self.cable is None):
+            raise wrong_value("adds to a cavity or to a cable: give the name of one")
+        if self.cable is None and self.guides is not None:
+            raise wrong_value("are those of a cable: give its name", key="guides")
+        if self.cable is not None and self.value not in AXES:
+            raise wrong_value(f'a cable\'s guides have {", ".join(AXES)}, no "{self.value}"', key="value")
+        return self
 
 
 class ParameterSettings(Settings):
@@ -129,6 +146,13 @@ class PressMeasureSettings(Settings):
     place_sigma: PositiveLength
 
 
+class SufferedSettings(Settings):
+    """What cavities and material suffer from presses with a force [N]."""
+
+    measure: Literal["closing", "strain"]
+    force: PositiveForce
+
+
 class PlaceErrorSettings(Settings):
     """How well readings alone tell the place of a force [N]."""
 
@@ -144,22 +168,37 @@ class PairErrorSettings(Settings):
 
 
 AnyMeasure = Annotated[
-    PlainMeasureSettings | PressMeasureSettings | PlaceErrorSettings | PairErrorSettings,
+    PlainMeasureSettings | PressMeasureSettings | SufferedSettings | PlaceErrorSettings | PairErrorSettings,
     Field(discriminator="measure"),
 ]
 
 
+_PURE = ("unevenness", "closing", "strain")
+"""Measures whose numbers say something by themselves."""
+
+
 class LimitSettings(Settings):
-    """What a measure must be at least and at most, in parts of that of the device as it is [-]."""
+    """What a measure must be at least and at most, in parts of that of the device as it is [-], or by itself
+    where it has no unit.
+    """
 
     of: AnyMeasure
     at_least: PositiveNumber | None = None
     at_most: PositiveNumber | None = None
+    most: PositiveNumber | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.at_least is None and self.at_most is None:
-            raise wrong_value("give at_least, at_most, or both: parts of the device's own")
+        if self.at_least is None and self.at_most is None and self.most is None:
+            raise wrong_value("give at_least or at_most, parts of the device's own, or most")
+        if self.most is not None and self.of.measure not in _PURE:
+            raise wrong_value(
+                f'is for {", ".join(_PURE)}: limit "{self.of.measure}" by at_most, in parts of the device\'s '
+                "own",
+                key="most",
+            )
+        if self.at_most is not None and self.most is not None:
+            raise wrong_value("is one bound: give at_most or most", key="most")
         return self
 
 
@@ -212,12 +251,15 @@ class FrontSettings(Settings):
     @property
     def unlimited(self) -> LimitSettings:
         """The measure without limits."""
-        return LimitSettings.model_construct(of=self.of, at_least=None, at_most=None)
+        return LimitSettings.model_construct(of=self.of, at_least=None, at_most=None, most=None)
 
     def limit(self, part: float) -> LimitSettings:
         """The limit at one of its values."""
         return LimitSettings.model_construct(
-            of=self.of, at_least=part if self.at_least else None, at_most=part if self.at_most else None
+            of=self.of,
+            at_least=part if self.at_least else None,
+            at_most=part if self.at_most else None,
+            most=None,
         )
 
 
@@ -274,6 +316,8 @@ class DesignPlan(FileSettings):
         for k, parameter in enumerate(self.parameters):
             for j, tie in enumerate(parameter.adds):
                 key = f"parameter[{k}].adds[{j}]"
+                if tie.cavity is None:
+                    continue
                 if tie.cavity not in cavities:
                     raise wrong_value(
                         f'there is no cavity "{tie.cavity}": there are {", ".join(cavities)}',
@@ -288,9 +332,9 @@ class DesignPlan(FileSettings):
         return self
 
 
-def load_design(path: Path) -> DesignPlan:
+def load_design(path: str | Path) -> DesignPlan:
     """The design task in a TOML file.
 
     Raises ConfigError, one line for each mistake with the file and the key's path.
     """
-    return validated(file_text(path), path, DesignPlan)
+    return validated(file_text(Path(path)), Path(path), DesignPlan)

@@ -68,11 +68,24 @@ def save_edited(source: str | Path, target: str | Path, edits: Edits) -> DeviceC
     """
     source, target = Path(source), Path(target)
     load(source)
-    document = tomlkit.parse(file_text(source))
-    _move_files(document, source.parent, target.parent)
+    document = moved(source, target)
     for place, value in edits.items():
         _set(document, place, value, source)
     return saved(tomlkit.dumps(document), target)
+
+
+def moved(source: Path, target: Path) -> Any:
+    """The document of a configuration, to be changed, whose relative files are found from the folder of
+    target.
+    """
+    document: Any = tomlkit.parse(file_text(source))
+    body, estimator = document["body"]["source"], document.get("estimator", {})
+    for table, key in ((body, "file"), (estimator, "reading_spread")):
+        if key in table:
+            table[key] = _moved_file(table[key], source.parent, target.parent)
+    if "inserts" in body:
+        body["inserts"] = [_moved_file(name, source.parent, target.parent) for name in body["inserts"]]
+    return document
 
 
 def saved(text: str, target: Path) -> DeviceConfig:
@@ -113,15 +126,6 @@ def _set(document: Any, key: Key, value: object, source: Path) -> None:
         raise ConfigError(f"{source}: {key_path(key)}: there is no such key to change") from error
 
 
-def _move_files(document: Any, old: Path, new: Path) -> None:
-    source, estimator = document["body"]["source"], document.get("estimator", {})
-    for table, key in ((source, "file"), (estimator, "reading_spread")):
-        if key in table:
-            table[key] = _moved(table[key], old, new)
-    if "inserts" in source:
-        source["inserts"] = [_moved(name, old, new) for name in source["inserts"]]
-
-
-def _moved(name: str, old: Path, new: Path) -> str:
+def _moved_file(name: str, old: Path, new: Path) -> str:
     path = Path(name).expanduser()
     return name if path.is_absolute() else Path(os.path.relpath(old / path, new)).as_posix()

@@ -37,13 +37,16 @@ class Facing(eqx.Module):
     @classmethod
     def of(cls, nodes: Float[np.ndarray, "n 3"], walls: Sequence[Int[np.ndarray, "f c"]]) -> "Facing":
         """The pairs on the walls of cavities, faces (f, 3 or more) of nodes (n, 3) m with normals into the
-        material.
+        material: as many as walls have nodes, some of them repeated for nodes that face nothing, so that
+        meshes with the same faces have as many.
         """
         parts = [_across(nodes, np.asarray(faces)[:, :3]) for faces in walls]
         return cls(*(jnp.asarray(np.concatenate(each)) for each in zip(*parts, strict=True)))
 
     def gaps(self, positions: Float[Array, "n 3"]) -> Float[Array, " m"]:
-        """Distances (m,) [m] of the pairs at positions (n, 3) m of all nodes; differentiable."""
+        """Distances (m,) [m] of the pairs at positions (n, 3) m of all nodes; differentiable, and linear: of
+        small motions they are the changes.
+        """
         opposite = jnp.einsum("mk,mki->mi", self.weights, positions[self.corners])
         return jnp.sum(self.normal * (opposite - positions[self.node]), axis=1)
 
@@ -76,4 +79,8 @@ def _across(
     ray = np.flatnonzero(np.isfinite(met[np.arange(len(own)), hit]))
     face = hit[ray]
     a, b = first[ray, face], second[ray, face]
-    return own[ray], faces[face], np.stack([1.0 - a - b, a, b], axis=1), inwards[ray]
+    pairs = own[ray], faces[face], np.stack([1.0 - a - b, a, b], axis=1), inwards[ray]
+    if len(ray) == 0:
+        return pairs
+    again = np.resize(np.arange(len(ray)), len(own))
+    return pairs[0][again], pairs[1][again], pairs[2][again], pairs[3][again]

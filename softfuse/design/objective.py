@@ -9,16 +9,18 @@ and its inverse the covariance (`estimation.observability`). Optimal design know
 mean variance (A-optimal), the largest (E-optimal), the volume of the ellipsoid, ln det J⁻¹ (D-optimal).
 Source: F. Pukelsheim, Optimal Design of Experiments, 1993, ch. 6.
 
-Whoever needs another one writes a class with a name, a unit and a `__call__`:
+Whoever needs another one writes a class with a name, a unit and a `__call__` that says what shall be small:
 
-    class SmallestSensitivity(AbstractMeasure):
-        name, unit = "smallest sensitivity", "m³/N"
+    class LeastSensitivity(AbstractMeasure):
+        name: ClassVar[str] = "least sensitivity, negative"
+        unit: ClassVar[str] = "reading/N"
 
         def __call__(self, answers):
-            return jnp.min(answers.sensitivity)
+            return -jnp.min(answers.sensitivity)
 """
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar
 
 import equinox as eqx
@@ -32,14 +34,17 @@ _WORST = 12
 
 class Answers(eqx.Module):
     """How a device answers to s presses, see `RestResponse`: by_force (s, k) [reading's SI unit/N], by_place
-    (s, k, 2) [that/(N m)], softness (s,) [m/N], motion (s, m, 3) [m/N] of what is watched; noise (k,)
-    [reading's SI unit] of readings.
+    (s, k, 2) [that/(N m)], softness (s,) [m/N], motion (s, m, 3) [m/N] of what is watched, closing (s,)
+    [1/N]: the largest part of the distance between opposite walls of a cavity that is lost, strain (s,)
+    [1/N]: the largest principal one in the material; noise (k,) [reading's SI unit] of readings.
     """
 
     by_force: Float[Array, "s k"]
     by_place: Float[Array, "s k 2"]
     softness: Float[Array, " s"]
     motion: Float[Array, "s m 3"]
+    closing: Float[Array, " s"]
+    strain: Float[Array, " s"]
     noise: Float[Array, " k"]
 
     @property
@@ -66,6 +71,11 @@ class AbstractMeasure(eqx.Module):
     @abstractmethod
     def __call__(self, answers: Answers) -> Float[Array, ""]:
         """The number, in SI; differentiable."""
+
+
+def measured(measures: Sequence[AbstractMeasure], answers: Answers) -> Float[Array, " m"]:
+    """The numbers (m,) in SI that answers give; differentiable."""
+    return jnp.stack([measure(answers) for measure in measures])
 
 
 class Unevenness(AbstractMeasure):
@@ -99,6 +109,34 @@ class Softness(AbstractMeasure):
     def __call__(self, answers):
         """Over all presses."""
         return jnp.mean(answers.softness)
+
+
+class Closing(AbstractMeasure):
+    """The largest part of the distance between opposite walls of a cavity that presses with a force [N] take,
+    as far as answers grow with the force: walls touch at 1.
+    """
+
+    name: ClassVar[str] = "closing of cavities"
+    unit: ClassVar[str] = "1"
+    force_N: float
+
+    def __call__(self, answers):
+        """At the worst press."""
+        return self.force_N * jnp.max(answers.closing)
+
+
+class Strain(AbstractMeasure):
+    """The largest principal strain of the material under presses with a force [N], as far as answers grow
+    with the force.
+    """
+
+    name: ClassVar[str] = "strain"
+    unit: ClassVar[str] = "1"
+    force_N: float
+
+    def __call__(self, answers):
+        """At the worst press."""
+        return self.force_N * jnp.max(answers.strain)
 
 
 class ForceError(AbstractMeasure):

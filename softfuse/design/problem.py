@@ -6,7 +6,7 @@
 m are measures of how the device answers (`objective`), t its walls (`thickness`).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,30 +16,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from softfuse.body.body import Body
+from softfuse.design.facing import Facing
 from softfuse.design.layout import AbstractLayout
 from softfuse.design.layout_device import device_at
 from softfuse.design.layout_mesh import Fineness, LayoutMesh, layout_mesh, remade
-from softfuse.design.objective import AbstractMeasure, Answers
-from softfuse.design.thickness import slacks, wall_names, wall_thicknesses
+from softfuse.design.limits import Limit
+from softfuse.design.objective import AbstractMeasure, Answers, measured
+from softfuse.design.straining import largest_strain
+from softfuse.design.thickness import clearances, slacks, wall_names, wall_thicknesses
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
 from softfuse.estimation.rest_response import place_response, rest_response
 from softfuse.functional.material_points import MaterialPoints
-
-
-@dataclass(frozen=True, eq=False)
-class Limit:
-    """What a measure must be at least and at most, in SI; infinite where it need not."""
-
-    measure: AbstractMeasure
-    at_least: float = -np.inf
-    at_most: float = np.inf
-
-    def missing(self, value: float) -> float:
-        """By how much a value misses the limits, in parts of the limit; 0 within."""
-        below = (self.at_least - value) / abs(self.at_least) if np.isfinite(self.at_least) else 0.0
-        above = (value - self.at_most) / abs(self.at_most) if np.isfinite(self.at_most) else 0.0
-        return max(below, above, 0.0)
+from softfuse.mesh.surface import Surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,13 +53,31 @@ class Walls:
         return least
 
 
+def no_guides(theta: Array) -> Float[Array, "0 3"]:
+    """No points in the material that keep away from cavities."""
+    del theta
+    return jnp.zeros((0, 3))
+
+
+class Watched(eqx.Module):
+    """What is watched of a device on one mesh besides its readings: the points whose motion counts, and
+    opposite walls of its cavities.
+    """
+
+    points: MaterialPoints | None
+    facing: Facing
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """A design task.
 
     build: the device on a mesh with parameters (p,), such as `build_device` makes it; places (s, ...): where
     it is pressed, see `Device.contact`; noise (k,) [SI]: standard deviations of readings; by_place: whether
-    it counts how readings change with the place; watch: the points of a device whose motion counts.
+    it counts how readings change with the place; watch: the points of a device whose motion counts, such as
+    `MaterialPoints.embedded` finds them; follow: what else of a device follows parameters (p,) besides its
+    cavities, differentiably; guides: points (m, 3) m in the material with parameters (p,) that have to be as
+    far from cavities as walls are thick, such as those of a cable.
     """
 
     layout: AbstractLayout
@@ -82,24 +90,41 @@ class Problem:
     walls: Walls = Walls(0.0, {})
     by_place: bool = False
     watch: Callable[[Device], MaterialPoints | None] = lambda device: None
+    follow: Callable[[Device, Array], Device] = lambda device, theta: device
+    guides: Callable[[Array], Array] = no_guides
 
     @property
     def measures(self) -> tuple[AbstractMeasure, ...]:
         """The objective, then those of the limits."""
         return (self.objective, *(limit.measure for limit in self.limits))
 
-    def answers(self, device: Device, points: MaterialPoints | None = None) -> Answers:
-        """How a device answers to the presses, and how `points` of it move; differentiable in the device."""
+    def watched(self, device: Device, walls: Sequence[Surface]) -> Watched:
+        """What is watched of a device whose cavities have these walls, normals into the material."""
+        facing = Facing.of(np.asarray(device.body.rest), [wall.faces for wall in walls])
+        return Watched(self.watch(device), facing)
+
+    def answers(self, device: Device, watched: Watched) -> Answers:
+        """How a device answers to the presses; differentiable in it."""
         if self.by_place:
             found, by_place = place_response(device, self.places)
         else:
             found = rest_response(device, self.places)
             by_place = jnp.zeros((*found.by_force.shape, 2))
+        body, points, facing = device.body, watched.points, watched.facing
+        assert isinstance(body, Body)
         motion = found.motion[:, :0]
         if points is not None:
-            shape = points.shape(device.body.rest)
-            motion = jnp.einsum("ga,sgai->sgi", shape, found.motion[:, points.nodes])
-        return Answers(found.by_force, by_place, found.softness, motion, jnp.asarray(self.noise))
+            motion = jnp.einsum("ga,sgai->sgi", points.shape(body.rest), found.motion[:, points.nodes])
+        apart = facing.gaps(body.rest)
+        closing, strain = jax.lax.map(
+            lambda moved: (jnp.max(-facing.gaps(moved) / apart), largest_strain(body, moved)), found.motion
+        )
+        noise = jnp.asarray(self.noise)
+        return Answers(found.by_force, by_place, found.softness, motion, closing, strain, noise)
+
+    def answered(self, device: Device, walls: Sequence[Surface]) -> Answers:
+        """The answers of a device whose cavities have these walls, compiled for it."""
+        return eqx.filter_jit(self.answers)(device, self.watched(device, walls))
 
     def on_mesh(self, theta: Float[np.ndarray, " p"]) -> "MeshedProblem":
         """The problem on a mesh made for parameters (p,); raises MeshError where there is none."""
@@ -108,7 +133,7 @@ class Problem:
 
     @cached_property
     def measured(self) -> Callable[..., Array]:
-        """The measures (m,) of a device on a mesh, with points whose motion counts and parameters (p,), one
+        """The measures (m,) of a device on a mesh, with what is watched of it and parameters (p,), one
         program for all meshes of the same tetrahedra.
         """
         return eqx.filter_jit(self._measured)
@@ -117,17 +142,17 @@ class Problem:
     def valued(self) -> Callable[..., tuple[Array, Array]]:
         """The same and its derivatives (m, p)."""
 
-        def valued(device, mesh, points, theta):
-            value, back = jax.vjp(lambda at: self._measured(device, mesh, points, at), theta)
+        def valued(device, mesh, watched, theta):
+            value, back = jax.vjp(lambda at: self._measured(device, mesh, watched, at), theta)
             return value, jax.lax.map(lambda each: back(each)[0], jnp.eye(len(value)))
 
         return eqx.filter_jit(valued)
 
     def _measured(
-        self, device: Device, mesh: LayoutMesh, points: MaterialPoints | None, theta: Float[Array, " p"]
+        self, device: Device, mesh: LayoutMesh, watched: Watched, theta: Float[Array, " p"]
     ) -> Float[Array, " m"]:
-        answers = self.answers(device_at(device, mesh, theta), points)
-        return jnp.stack([measure(answers) for measure in self.measures])
+        answers = self.answers(self.follow(device_at(device, mesh, theta), theta), watched)
+        return measured(self.measures, answers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,23 +191,32 @@ class MeshedProblem:
         """The measures with parameters (p,) and their derivatives."""
         return Value(*map(np.asarray, self.problem.valued(*self._given, jnp.asarray(theta))))
 
+    @cached_property
+    def watched(self) -> Watched:
+        """What is watched of its device."""
+        return self.problem.watched(self.device, self.mesh.walls)
+
     @property
-    def _given(self) -> tuple[Device, LayoutMesh, MaterialPoints | None]:
+    def _given(self) -> tuple[Device, LayoutMesh, Watched]:
         # A number that is no array is part of the program.
-        return self.device, replace(self.mesh, made_quality=1.0), self.problem.watch(self.device)
+        return self.device, replace(self.mesh, made_quality=1.0), self.watched
 
 
 class Geometry:
-    """What a layout has to keep and needs no device: by how much (c,) [m] walls are thicker than they must
-    be, then how much room shapes have to exist; not negative where the layout can be made.
+    """What a layout has to keep and needs no device: by how much (c,) [m] walls are thicker than they must be
+    and guides farther from cavities, then how much room shapes have to exist; not negative where the layout
+    can be made.
     """
 
-    def __init__(self, layout: AbstractLayout, walls: Walls) -> None:
-        """Compiled once."""
+    def __init__(
+        self, layout: AbstractLayout, walls: Walls, guides: Callable[[Array], Array] = no_guides
+    ) -> None:
+        """guides: points (m, 3) m in the material with parameters (p,), see `Problem`. Compiled once."""
         least = jnp.asarray(walls.least(layout))
 
         def spare(theta: Float[Array, " p"]) -> Float[Array, " c"]:
-            return jnp.concatenate([wall_thicknesses(layout, theta) - least, slacks(layout, theta)])
+            clear = clearances(layout, theta, guides(theta)) - walls.thickness_m
+            return jnp.concatenate([wall_thicknesses(layout, theta) - least, clear, slacks(layout, theta)])
 
         self._spare, self._slope = jax.jit(spare), jax.jit(jax.jacrev(spare))
 

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
 
+from softfuse.design.limits import room, room_slopes
 from softfuse.design.problem import Geometry, MeshedProblem, Problem, Value
 from softfuse.errors import MeshError
 
@@ -66,9 +67,10 @@ def merit(problem: Problem, geometry: Geometry, trial: Trial) -> tuple[float, fl
     """
     if trial.value is None:
         return np.inf, np.inf
-    measured = zip(problem.limits, trial.value.measures[1:], strict=True)
-    missing = sum(limit.missing(value) for limit, value in measured)
-    missing += float(np.sum(np.maximum(-geometry.spare(trial.theta), 0.0))) / _MILLIMETRE
+    spare = np.append(
+        room(problem.limits, trial.value.measures[1:]), geometry.spare(trial.theta) / _MILLIMETRE
+    )
+    missing = float(np.sum(np.maximum(-spare, 0.0)))
     return (0.0 if missing <= _ALLOWED else missing), float(trial.value.measures[0])
 
 
@@ -95,6 +97,7 @@ class Search:
         self._geometry = geometry
         self._known = {(trial.leg, trial.theta.tobytes()): trial for trial in known}
         self._trials: list[Trial] = []
+        self._told: set[tuple[int, bytes]] = set()
         self._starts: list[Float[np.ndarray, " p"]] = []
         self._meshed: list[MeshedProblem] = []
 
@@ -106,7 +109,7 @@ class Search:
         settings = self._settings
         best: Trial | None = None
         ended = f"after {settings.legs} legs"
-        self._trials, self._starts, self._meshed = [], [], []
+        self._trials, self._told, self._starts, self._meshed = [], set(), [], []
         at, move = np.array(start, float), settings.move
         for leg in range(settings.legs):
             self._starts.append(at)
@@ -151,12 +154,13 @@ class Search:
                 "jac": lambda x: self._geometry.slope(x * scale) * scale / _MILLIMETRE,
             }
         ]
-        if self._problem.limits:
+        limits = self._problem.limits
+        if limits:
             constraints.append(
                 {
                     "type": "ineq",
-                    "fun": lambda x: self._room(x * scale)[0],
-                    "jac": lambda x: self._room(x * scale)[1] * scale,
+                    "fun": lambda x: room(limits, self._value(x * scale).measures[1:]),
+                    "jac": lambda x: room_slopes(limits, self._value(x * scale).slopes[1:]) * scale,
                 }
             )
         try:
@@ -176,19 +180,6 @@ class Search:
             return _WORN
         return str(result.message)
 
-    def _room(
-        self, theta: Float[np.ndarray, " p"]
-    ) -> tuple[Float[np.ndarray, " r"], Float[np.ndarray, "r p"]]:
-        """By how much (r,) measures are within their finite limits, in parts of these, and derivatives."""
-        value = self._value(theta)
-        room, slope = [], []
-        for k, limit in enumerate(self._problem.limits, start=1):
-            for bound, sign in ((limit.at_least, 1.0), (limit.at_most, -1.0)):
-                if np.isfinite(bound):
-                    room.append(sign * (value.measures[k] - bound) / abs(bound))
-                    slope.append(sign * value.slopes[k] / abs(bound))
-        return np.array(room), np.array(slope)
-
     def _value(self, theta: Float[np.ndarray, " p"]) -> Value:
         leg = len(self._starts) - 1
         key = leg, theta.tobytes()
@@ -196,7 +187,8 @@ class Search:
         if trial is None:
             trial = Trial(leg, theta.copy(), self._computed(theta))
             self._known[key] = trial
-        if not any(trial is tried for tried in self._trials):
+        if key not in self._told:
+            self._told.add(key)
             self._trials.append(trial)
             self._seen(trial)
         if trial.value is None:

@@ -76,6 +76,25 @@ def wall_thicknesses(layout: AbstractLayout, theta: Float[Array, " p"]) -> Float
     return jnp.concatenate([jnp.zeros(0), *parts])
 
 
+def clearances(
+    layout: AbstractLayout, theta: Float[Array, " p"], points: Float[Array, "m 3"]
+) -> Float[Array, " c"]:
+    """How far (c,) [m] points (m, 3) m are from each cavity with parameters (p,), all points of the first
+    one first; negative inside. Differentiable once in both.
+    """
+
+    def apart(shape: CavityShape, values: Array) -> Float[Array, " m"]:
+        def gap(point):
+            return separation(
+                _reach_of(shape, values), lambda normals: normals @ point, rotation(values[6:9]).T
+            )
+
+        return jax.vmap(gap)(points)
+
+    parts = zip(layout.shapes, layout.values(theta), strict=True)
+    return jnp.concatenate([jnp.zeros(0), *(apart(*part) for part in parts)])
+
+
 def _together(
     shapes: Sequence[CavityShape],
     pairs: Sequence[tuple[int, int, Float[Array, "..."], Float[Array, "..."]]],

@@ -10,13 +10,11 @@ from jaxtyping import Array, Float, Int
 
 from softfuse.body.body import Body
 from softfuse.design.facing import Facing
+from softfuse.design.straining import largest_stretch
 from softfuse.equilibrium.solution import RESULTS
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.side_by_side import side_by_side
-
-_NOTHING = 1e-12
-"""Strain that is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,23 +85,3 @@ def _pressed(device: Device, facing: Facing, place: Array, drive: Array) -> tupl
     opened = facing.gaps(body.rest + body.displacement(state.z)) / facing.gaps(body.rest)
     answer = reading, device.depth(at, state), jnp.min(opened), largest_stretch(body, state.z)
     return answer, solution.result
-
-
-def largest_stretch(body: Body, z: Float[Array, " n"]) -> Float[Array, ""]:
-    """The largest length over that at rest [-] at a quadrature point of a body with unknowns z (n,): √ of the
-    largest eigenvalue of F Fᵀ, by the roots' cosines (O. K. Smith, Comm. ACM 4(4), 1961).
-    """
-    # LAPACK's own threads and ours wait for each other.
-    padded = jnp.append(z, 0.0)
-    largest = []
-    for region in body.regions():
-        f = jnp.array(region.deformation(region.strains(padded)[0]))
-        b = jnp.einsum("ikqe,jkqe->qeij", f, f)
-        mean = jnp.trace(b, axis1=2, axis2=3) / 3.0
-        away = b - mean[..., None, None] * jnp.eye(3)
-        size = jnp.sqrt(jnp.sum(away**2, axis=(2, 3)) / 6.0)
-        turned = jnp.sum(jnp.cross(away[..., 0], away[..., 1]) * away[..., 2], axis=-1)
-        cosine = turned / (2.0 * jnp.maximum(size, _NOTHING) ** 3)
-        angle = jnp.arccos(jnp.clip(cosine, -1.0, 1.0)) / 3.0
-        largest.append(jnp.max(mean + 2.0 * size * jnp.cos(angle)))
-    return jnp.sqrt(jnp.max(jnp.stack(largest)))

@@ -6,6 +6,7 @@ one has to be given its size.
 
 from abc import abstractmethod
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -52,6 +53,13 @@ class PointPorts(AbstractGuides):
     def location(self):
         """Where the means are on the body at rest (g, 3) [m]."""
         return self.share @ self.points.location
+
+    def moved_to(self, location: Float[Array, "g 3"]) -> "PointPorts":
+        """The same with means at other places (g, 3) m on the body at rest, as long as these are in or next
+        to the same elements; differentiable in them.
+        """
+        shift = jnp.sign(self.share).T @ (location - self.location)
+        return eqx.tree_at(lambda p: p.points.location, self, self.points.location + shift)
 
     @property
     def _single(self) -> Float[Array, "g m"]:

@@ -3,11 +3,15 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from softfuse.cli.design_report import across_meshes
 from softfuse.config import load
 from softfuse.config.build_mesh import build_mesh
+from softfuse.design.problem import Value
+from softfuse.design.search import Trial
 
 PLAN = (Path(__file__).parents[2] / "configs" / "design_pad.toml").read_text(encoding="utf-8")
 
@@ -67,6 +71,54 @@ def test_a_run_ends_with_a_device_that_is_better(
     other.write_text(plan.read_text(encoding="utf-8").replace("at_least = 0.4", "at_least = 0.3"))
     assert code_of("design", other, "--out", out) == 2
     assert "another plan" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_starts_are_searched_by_workers_as_here(code_of: Callable, plan: Path, tmp_path: Path) -> None:
+    text = (
+        plan.read_text(encoding="utf-8").replace("starts = 0", "starts = 1").replace("legs = 2", "legs = 1")
+    )
+    text = text.replace("followed = 1", "followed = 2").replace("at_least = [0.7]", "at_least = [0.6, 0.7]")
+    plan.write_text(text, encoding="utf-8")
+    histories = []
+    for name, more in (("here", ()), ("workers", ("--workers", "2"))):
+        assert code_of("design", plan, "--out", tmp_path / name, "--quiet", *more) == 0
+        rows = pq.read_table(tmp_path / name / "history.parquet").to_pylist()
+        histories.append(sorted(rows, key=lambda row: row["search"]))
+    here, there = histories
+    searches = {"as drawn", "start 0", "softness at_least 0.6", "softness at_least 0.7"}
+    assert {row["search"] for row in here} == searches
+    assert [row["search"] for row in there] == [row["search"] for row in here]
+    for mine, theirs in zip(here, there, strict=True):
+        for name in mine:
+            if name.startswith(("parameter ", "measure ")):
+                assert theirs[name] == pytest.approx(mine[name], rel=1e-6, abs=1e-12)
+
+
+def test_jumps_are_those_of_layouts_that_two_meshes_have() -> None:
+    def trial(leg: int, theta: float, *measures: float) -> tuple[str, Trial]:
+        value = Value(np.array(measures), np.zeros((2, 1))) if measures else None
+        return "as drawn", Trial(leg, np.array([theta]), value)
+
+    trials = [
+        trial(0, 0.0, 2.0, 5.0),
+        trial(0, 1.0, 1.0, 4.0),
+        trial(0, 2.0),
+        trial(1, 1.0, 1.02, 3.0),
+        trial(1, 0.5, 0.9, 3.0),
+        ("start 0", trial(1, 0.0, 3.0, 5.0)[1]),
+    ]
+    ((name, leg, parts),) = across_meshes(trials)
+    assert (name, leg) == ("as drawn", 1)
+    np.testing.assert_allclose(parts, [0.02, 0.25])
+
+
+def test_workers_are_here_or_behind_a_scheduler(
+    code_of: Callable, plan: Path, tmp_path: Path, capsys
+) -> None:
+    given = ("design", plan, "--out", tmp_path / "run", "--workers", "2", "--scheduler", "tcp://127.0.0.1:1")
+    assert code_of(*given) == 2
+    assert "give one" in capsys.readouterr().err
 
 
 def test_a_plan_that_names_what_is_not_there_is_told(

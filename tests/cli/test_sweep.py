@@ -21,7 +21,8 @@ import pytest
 from distributed import Client, LocalCluster
 
 from softfuse.cli import sweep_worker
-from softfuse.cli.sweep_worker import Chunk, Pressed, installed_version, solve_chunk
+from softfuse.cli.sweep_worker import Chunk, Pressed, solve_chunk
+from softfuse.cli.version import installed_version
 from softfuse.config import load, save_edited
 from softfuse.config.build_device import build_device
 from softfuse.config.build_sweep import build_series
@@ -334,7 +335,7 @@ def test_a_mistake_is_one_line(
     options: tuple[str, ...],
     told: str,
 ) -> None:
-    monkeypatch.setattr("softfuse.cli.sweep_cluster._ANSWER_S", 2)
+    monkeypatch.setattr("softfuse.cli.cluster._ANSWER_S", 2)
     assert code_of("sweep", pad, plan(PLAN), "--out", tmp_path / "out", *options) == 2
     err = capsys.readouterr().err
     assert told in err and err.count("\n") == 1

@@ -1,6 +1,7 @@
 """Measures of designs: what they are where that is known, and gradients through mesh and equilibrium."""
 
 from dataclasses import replace
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -10,8 +11,11 @@ import pytest
 from softfuse.body import Body
 from softfuse.design.layout_device import device_at
 from softfuse.design.layout_mesh import Fineness, layout_mesh
+from softfuse.design.limits import Limit
 from softfuse.design.objective import (
+    AbstractMeasure,
     Answers,
+    Closing,
     ForceError,
     Ignorance,
     PairError,
@@ -19,10 +23,12 @@ from softfuse.design.objective import (
     Sensitivity,
     ShapeError,
     Softness,
+    Strain,
     Unevenness,
     WorstForceError,
+    measured,
 )
-from softfuse.design.problem import Limit, Problem
+from softfuse.design.problem import Problem
 from softfuse.equilibrium.multifrontal import Multifrontal
 from softfuse.equilibrium.punch import PunchContact
 from softfuse.estimation.device import Device
@@ -36,6 +42,22 @@ from softfuse.mesh.surface import outer_surface
 
 PLACES = jnp.array([[0.015, 0.004, 0.0], [-0.012, -0.006, 0.0], [0.003, 0.008, 0.0], [-0.02, 0.01, 0.0]])
 POINTS = np.array([[0.0, 0.0, 0.017], [0.01, 0.005, 0.016]])
+
+
+class PlaceErrorWithDepth(AbstractMeasure):
+    """The place's error where the depth, in mm, is a reading as well: two cavities alone tell no place."""
+
+    name: ClassVar[str] = "place error with depth"
+    unit: ClassVar[str] = "m"
+
+    def __call__(self, answers):
+        depth = jnp.array([answers.softness * 1e-6]).T
+        by_force = jnp.concatenate([answers.by_force, depth], axis=1)
+        by_place = jnp.pad(answers.by_place, ((0, 0), (0, 1), (0, 0)))
+        noise = jnp.append(answers.noise, 1e-9)
+        return PlaceError(5.0)(replace(answers, by_force=by_force, by_place=by_place, noise=noise))
+
+
 MEASURES = (
     Unevenness(),
     Sensitivity(),
@@ -45,6 +67,9 @@ MEASURES = (
     Ignorance(5.0, 2e-4),
     ShapeError(5.0, 2e-4),
     PairError(jnp.array([[0, 1], [2, 3]])),
+    PlaceErrorWithDepth(),
+    Closing(5.0),
+    Strain(5.0),
 )
 
 
@@ -76,22 +101,21 @@ def problem(twins) -> Problem:
 def test_every_measure_has_the_gradient_of_re_solves_in_every_parameter(problem, twins) -> None:
     twin_mesh = layout_mesh(twins, twins.start, problem.fineness)
     device = vented(twin_mesh, twins.start)
-    points = problem.watch(device)
+    watched = problem.watched(device, twin_mesh.walls)
 
     @jax.jit
-    def measured(theta):
-        answers = problem.answers(device_at(device, twin_mesh, theta), points)
-        return jnp.stack([measure(answers) for measure in MEASURES])
+    def values(theta):
+        return measured(MEASURES, problem.answers(device_at(device, twin_mesh, theta), watched))
 
     theta = jnp.asarray(twins.start)
-    slope = jax.jit(jax.jacrev(measured))(theta)
+    slope = jax.jit(jax.jacrev(values))(theta)
     for k, step in enumerate(2e-3 * twins.scale):
 
         def central(h, k=k):
-            return (measured(theta.at[k].add(h)) - measured(theta.at[k].add(-h))) / (2 * h)
+            return (values(theta.at[k].add(h)) - values(theta.at[k].add(-h))) / (2 * h)
 
         difference = (4 * central(step / 2) - central(step)) / 3
-        size = np.abs(np.asarray(measured(theta))) / twins.scale[k]
+        size = np.abs(np.asarray(values(theta))) / twins.scale[k]
         off = np.abs(np.asarray(slope[:, k] - difference))
         assert np.all(off <= 1e-4 * np.abs(difference) + 1e-7 * size), (twins.names[k], off, difference)
 
@@ -110,7 +134,10 @@ def known() -> Answers:
     """Two presses on one of two readings each."""
     by_force = jnp.array([[3.0, 0.0], [0.0, 4.0]])
     by_place = jnp.zeros((2, 2, 2))
-    return Answers(by_force, by_place, jnp.array([1.0, 2.0]), jnp.ones((2, 5, 3)), jnp.array([0.3, 0.4]))
+    suffered = jnp.array([0.1, 0.2]), jnp.array([0.05, 0.03])
+    return Answers(
+        by_force, by_place, jnp.array([1.0, 2.0]), jnp.ones((2, 5, 3)), *suffered, jnp.array([0.3, 0.4])
+    )
 
 
 def test_measures_of_known_answers(known) -> None:
@@ -118,6 +145,8 @@ def test_measures_of_known_answers(known) -> None:
     assert Unevenness()(known) == pytest.approx(0.5 / 3.5)
     assert Sensitivity()(known) == pytest.approx(3.5)
     assert Softness()(known) == pytest.approx(1.5)
+    assert Closing(2.0)(known) == pytest.approx(0.4)
+    assert Strain(2.0)(known) == pytest.approx(0.1)
     assert ForceError(2.0, 1e-3)(known) == pytest.approx(0.1)
     assert WorstForceError(2.0, 1e-3)(known) == pytest.approx(0.1)
     # 0.1 N and twice a millimetre.
@@ -130,5 +159,7 @@ def test_the_place_error_is_that_of_readings_alone() -> None:
     # Three readings, of the force, of x and of y under 2 N.
     by_force = jnp.array([[1.0, 0.0, 0.0]])
     by_place = jnp.array([[[0.0, 0.0], [5.0, 0.0], [0.0, 5.0]]])
-    answers = Answers(by_force, by_place, jnp.ones(1), jnp.zeros((1, 0, 3)), jnp.ones(3))
+    answers = Answers(
+        by_force, by_place, *(jnp.ones(1), jnp.zeros((1, 0, 3)), *jnp.ones((2, 1))), jnp.ones(3)
+    )
     assert PlaceError(2.0)(answers) == pytest.approx(np.sqrt(2.0) / 10.0)

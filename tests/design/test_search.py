@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.design.objective import Sensitivity, Unevenness
-from softfuse.design.problem import Geometry, Limit, Value, Walls
+from softfuse.design.limits import Limit, room, room_slopes
+from softfuse.design.objective import Sensitivity, Softness, Unevenness
+from softfuse.design.problem import Geometry, Value, Walls
 from softfuse.design.search import Search, SearchSettings, Trial
 from softfuse.design.thickness import wall_thicknesses
 
@@ -121,6 +122,12 @@ def test_a_search_that_is_begun_again_computes_nothing_twice(twins, geometry) ->
         assert again.values == sum(trial.value is not None for trial in whole[kept:])
 
 
-def test_a_limit_is_missed_by_parts_of_itself() -> None:
-    limit = Limit(Unevenness(), at_least=2.0, at_most=4.0)
-    assert [limit.missing(value) for value in (1.0, 2.0, 3.0, 5.0)] == [0.5, 0.0, 0.0, 0.25]
+def test_the_room_within_limits_is_in_parts_of_them() -> None:
+    limits = (
+        Limit(Unevenness(), at_least=2.0, at_most=4.0),
+        Limit(Sensitivity()),
+        Limit(Softness(), at_most=8.0),
+    )
+    np.testing.assert_allclose(room(limits, np.array([1.0, 7.0, 10.0])), [-0.5, 0.75, -0.25])
+    slopes = room_slopes(limits, np.array([[1.0, 0.0], [5.0, 5.0], [0.0, 2.0]]))
+    np.testing.assert_allclose(slopes, [[0.5, 0.0], [-0.25, 0.0], [0.0, -0.25]])

@@ -11,7 +11,7 @@ from softfuse.design.cube_sphere import cube_sphere
 from softfuse.design.layout import Parameter, TiedLayout
 from softfuse.design.outline import Outline
 from softfuse.design.profile import AbstractProfile, FreeForm, RoundedBox, Superellipsoid
-from softfuse.design.thickness import separation, slacks, wall_names, wall_thicknesses
+from softfuse.design.thickness import clearances, separation, slacks, wall_names, wall_thicknesses
 
 OUTLINE = Outline(
     np.array([-0.04, -0.03, 0.0]),
@@ -53,6 +53,19 @@ def test_walls_of_balls_and_faces_are_exact() -> None:
     assert thick["cavity 1, notch 0"] == pytest.approx(np.hypot(0.015, 0.006) - 0.002, abs=1e-9)
     between = np.sqrt(0.02**2 + 0.009**2 + 0.001**2) - 0.005
     assert thick["cavity 0, cavity 1"] == pytest.approx(between, abs=1e-9)
+
+
+def test_points_are_as_far_from_balls_and_boxes_as_they_are() -> None:
+    box = shape(RoundedBox(), (0.0, 0.0, 0.01), (0.01, 0.006, 0.003), (0.0, 0.0, 0.0), (0.001,))
+    layout = layout_of(BALL, box)
+    points = jnp.array([[0.025, -0.005, 0.018], [0.0, 0.0, 0.017], [0.013, 0.01, 0.01], [0.002, 0.0, 0.01]])
+    away = np.asarray(clearances(layout, jnp.asarray(layout.start), points)).reshape(2, 4)
+    np.testing.assert_allclose(
+        away[0], np.linalg.norm(points - jnp.array([0.025, -0.005, 0.013]), axis=1) - 0.003, atol=1e-9
+    )
+    # From a face, from a fillet, from inside; corners reach less far by a hundred-thousandth of the box.
+    edge = np.hypot(0.004, 0.005) - 0.001
+    np.testing.assert_allclose(away[1, 1:], [0.004, edge, -0.003], atol=1e-7)
 
 
 @pytest.fixture(scope="module")

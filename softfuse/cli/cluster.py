@@ -1,18 +1,17 @@
-"""A sweep's chunks on the processes of a Dask cluster, on this computer or behind a scheduler's address.
+"""Pieces of work on the processes of a Dask cluster, on this computer or behind a scheduler's address.
 
 Who can reach a scheduler can run programs on its workers and its clients: Dask sends pickled objects. So the
 cluster on this computer listens on the loopback address only, with certificates of its own that live as long
-as the sweep, and without a dashboard; and an address that is given must be trusted.
+as the command, and without a dashboard; and an address that is given must be trusted.
 """
 
 import asyncio
 import logging
-from collections.abc import Iterator, Sequence
+import signal
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
-from softfuse.cli.sweep_table import Value
-from softfuse.cli.sweep_worker import Chunk, solve_chunk
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.side_by_side import cores
 
@@ -21,11 +20,51 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+
+class Piece(Protocol):
+    """What a worker is given; it names itself where it is told of."""
+
+    @property
+    def title(self) -> str:
+        """Such as "case 12"."""
+        ...
+
+
+_P = TypeVar("_P", bound=Piece)
+_R = TypeVar("_R")
+
 _LOOPBACK = "127.0.0.1"
 _ANSWER_S = 10
 """How long a scheduler may take to answer."""
 _EVENTS = "all"
 """Dask's topic of what happens to workers."""
+
+
+def dask_setup(worker: object) -> None:
+    """Leave a Ctrl-C to the client, which ends its workers: called by Dask in those of this computer."""
+    del worker
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextmanager
+def cluster_of(scheduler: str | None, workers: int | None, pieces: int) -> "Iterator[Client]":
+    """A client of the scheduler at an address, or of as many processes on this computer as are asked for, one
+    a core if not told, at most one a piece of work.
+
+    Raises SoftfuseError as `local_cluster` and `remote_cluster` do.
+    """
+    if scheduler is not None:
+        cluster = remote_cluster(scheduler)
+    else:
+        cluster = local_cluster(min(workers or cores(), pieces))
+    with cluster as client:
+        yield client
+
+
+def one_of(scheduler: str | None, workers: int | None) -> None:
+    """Raises SoftfuseError when both options are given."""
+    if scheduler is not None and workers is not None:
+        raise SoftfuseError("--workers are processes on this computer, --scheduler has its own: give one")
 
 
 @contextmanager
@@ -50,7 +89,7 @@ def local_cluster(workers: int) -> "Iterator[Client]":
         # Workers keep no data that could be moved to disk, and compiling may need much memory for a while.
         memory_limit=0,
         silence_logs=logging.CRITICAL,
-        preload=["softfuse.cli.sweep_worker"],
+        preload=["softfuse.cli.cluster"],
         # XLA would otherwise start as many threads in every process as there are cores.
         env={"NPROC": str(max(1, cores() // workers))},
     )
@@ -87,26 +126,26 @@ async def _reach(address: str) -> None:
     (await connect(address, timeout=_ANSWER_S)).abort()
 
 
-def solved(client: "Client", chunks: Sequence[Chunk]) -> Iterator[tuple[Chunk, list[list[Value]]]]:
-    """The chunks with their rows, as they are finished.
+def finished(client: "Client", work: Callable[[_P], _R], pieces: Sequence[_P]) -> Iterator[tuple[_P, _R]]:
+    """The pieces with what `work` makes of each, as they are finished.
 
-    What a worker that dies was at is done again by another one, and told. Raises SoftfuseError when a device
-    cannot be built, or, after all others, when some chunks have cost one worker after the other.
+    What a worker that dies was at is done again by another one, and told. Raises SoftfuseError when work
+    does, or, after all others, when some pieces have cost one worker after the other.
     """
     from distributed import KilledWorker, as_completed
     from distributed.client import FutureCancelledError
 
     client.subscribe_topic(_EVENTS, _tell_of_workers)
-    # Keys are new in each sweep: a scheduler may still know those of one that was interrupted.
-    futures = {client.submit(solve_chunk, chunk, pure=False): chunk for chunk in chunks}
+    # Keys are always new: a scheduler may still know those of a command that was interrupted.
+    futures = {client.submit(work, piece, pure=False): piece for piece in pieces}
     deadly = []
     try:
         for future in as_completed(list(futures)):
-            chunk = futures.pop(future)
+            piece = futures.pop(future)
             try:
-                rows = future.result()
+                made = future.result()
             except KilledWorker:
-                deadly.append(chunk)
+                deadly.append(piece)
             except ImportError as error:
                 raise SoftfuseError(f"a worker lacks something ({error}): install softfuse there") from error
             except FutureCancelledError as error:
@@ -114,16 +153,15 @@ def solved(client: "Client", chunks: Sequence[Chunk]) -> Iterator[tuple[Chunk, l
                     "the connection to the scheduler was lost; run the same again to go on"
                 ) from error
             else:
-                yield chunk, rows
+                yield piece, made
             future.release()
     finally:
         client.unsubscribe_topic(_EVENTS)
         client.cancel(list(futures))
     if deadly:
-        first = deadly[0].series[0].number
         raise SoftfuseError(
-            f"{len(deadly)} chunks each cost several workers their lives, the first at case {first}: "
-            "give them more memory; all others are done"
+            f"{len(deadly)} parts of the work each cost several workers their lives, the first at "
+            f"{deadly[0].title}: give them more memory; all others are done"
         )
 
 
@@ -131,7 +169,7 @@ def _tell_of_workers(event: tuple[float, Any]) -> None:
     _, message = event
     if message.get("action") == "remove-worker" and not message.get("expected"):
         busy = len(message.get("processing-tasks", ()))
-        log.warning("the worker %s has died, %d chunks are done again", message["worker"], busy)
+        log.warning("the worker %s has died, %d parts of the work are done again", message["worker"], busy)
 
 
 @contextmanager
@@ -139,7 +177,7 @@ def _dask() -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise SoftfuseError(f"softfuse sweep needs Dask ({error}): pip install 'softfuse[sweep]'") from error
+        raise SoftfuseError(f"several workers need Dask ({error}): pip install 'softfuse[sweep]'") from error
     # What a user should know of it is told by this module.
     for name in ("distributed", "distributed.client", "distributed.gc"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
