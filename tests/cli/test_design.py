@@ -90,9 +90,12 @@ def test_starts_are_searched_by_workers_as_here(code_of: Callable, plan: Path, t
     assert {row["search"] for row in here} == searches
     assert [row["search"] for row in there] == [row["search"] for row in here]
     for mine, theirs in zip(here, there, strict=True):
+        # Threads add in another order: a nanometre is nothing, of measures some parts of a million.
         for name in mine:
-            if name.startswith(("parameter ", "measure ")):
-                assert theirs[name] == pytest.approx(mine[name], rel=1e-6, abs=1e-12)
+            if name.startswith("parameter "):
+                assert theirs[name] == pytest.approx(mine[name], abs=1e-9)
+            if name.startswith("measure "):
+                assert theirs[name] == pytest.approx(mine[name], rel=1e-5)
 
 
 def test_jumps_are_those_of_layouts_that_two_meshes_have() -> None:
