@@ -3,7 +3,6 @@
 Exit codes: 0 done, 1 a fault of softfuse itself, 2 a mistake in what the user gave, 130 interrupted.
 """
 
-import importlib.metadata
 import logging
 from collections.abc import Sequence
 from typing import Annotated
@@ -27,6 +26,7 @@ from softfuse.cli.simulate import simulate
 from softfuse.cli.sweep import sweep
 from softfuse.cli.terminal import escape_log, printable, stderr, stdout
 from softfuse.cli.testbed import testbed
+from softfuse.cli.version import installed_version
 from softfuse.cli.virtual_device import virtual_device
 from softfuse.errors import SoftfuseError
 
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        stdout.print(f"softfuse {importlib.metadata.version('softfuse')}", highlight=False)
+        stdout.print(f"softfuse {installed_version()}", highlight=False)
         raise typer.Exit
 
 

@@ -77,10 +77,8 @@ def _across(
     met = np.where(inside & opposite & ~flat & ~own_face & (distance > 0.0), distance, np.inf)
     hit = np.argmin(met, axis=1)
     ray = np.flatnonzero(np.isfinite(met[np.arange(len(own)), hit]))
+    if len(ray) > 0:
+        ray = np.resize(ray, len(own))
     face = hit[ray]
     a, b = first[ray, face], second[ray, face]
-    pairs = own[ray], faces[face], np.stack([1.0 - a - b, a, b], axis=1), inwards[ray]
-    if len(ray) == 0:
-        return pairs
-    again = np.resize(np.arange(len(ray)), len(own))
-    return pairs[0][again], pairs[1][again], pairs[2][again], pairs[3][again]
+    return own[ray], faces[face], np.stack([1.0 - a - b, a, b], axis=1), inwards[ray]
