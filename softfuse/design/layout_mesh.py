@@ -31,6 +31,7 @@ from softfuse.design.cube_sphere import cube_sphere
 from softfuse.design.direction_search import greatest
 from softfuse.design.layout import AbstractLayout
 from softfuse.errors import MeshError
+from softfuse.functional.cavity import Cavity
 from softfuse.mesh.block import block_mesh
 from softfuse.mesh.morph import harmonic_extension
 from softfuse.mesh.quality import curved_mean_ratios
@@ -56,6 +57,16 @@ _WORN = 0.5
 """Part of the mesh's least quality when it was made below which a new one is due."""
 
 
+_DIRECTIONS = 100
+"""Cells along an edge of the cube whose directions measure a cavity's volume."""
+
+_GROWTHS = 2
+"""Times that cavities are grown."""
+
+_TRIAL_M = 1e-5
+"""By how much they are grown to see what that does."""
+
+
 @dataclass(frozen=True, eq=False)
 class Fineness:
     """Edges of the mesh: grid boxes of at most `base_size` m, then cut until no edge is longer than
@@ -72,9 +83,10 @@ class LayoutMesh(eqx.Module):
     corners (k, 2, 3): lowest and highest in m of the boxes; boxes (n, 3): nodes in m of the mesh with them;
     wall (w,): those on walls, cavity by cavity; directions
     (w_k, 3): of each cavity's; ends (w, 2): places in `wall` of the ends of the edge that each is in the
-    middle of, or its own twice; curving (w,) [-]: 1 on the surface, 0 on the chord; extension (n, w) [-]: H;
-    tets (m, 10); walls: the cavities' faces, normals into the material; made_quality [-]: `quality` for the
-    θ that it was made for.
+    middle of, or its own twice; curving (w,) [-]: 1 on the surface, 0 on the chord; grown (k,) m: by how much
+    half-sizes are larger than they should be, so that cavities of such faces have their volumes; extension
+    (n, w) [-]: H; tets (m, 10); walls: the cavities' faces, normals into the material; made_quality [-]:
+    `quality` for the θ that it was made for.
     """
 
     layout: AbstractLayout
@@ -84,6 +96,7 @@ class LayoutMesh(eqx.Module):
     directions: tuple[Float[Array, "w 3"], ...]
     ends: Int[Array, "w 2"]
     curving: Float[Array, " w"]
+    grown: Float[Array, " k"]
     extension: Float[Array, "n w"]
     tets: Int[np.ndarray, "m 10"]
     walls: tuple[Surface, ...] = eqx.field(static=True)
@@ -91,7 +104,10 @@ class LayoutMesh(eqx.Module):
 
     def rest(self, theta: Float[Array, " p"]) -> Float[Array, "n 3"]:
         """Rest positions (n, 3) m of all nodes with parameters (p,); differentiable in both modes."""
-        surface = jnp.concatenate([jnp.zeros((0, 3)), *self.layout.points(theta, self.directions)])
+        layout = self.layout
+        parts = zip(layout.shapes, layout.values(theta), self.directions, self.grown, strict=True)
+        points = [shape.points(values.at[3:6].add(more), along) for shape, values, along, more in parts]
+        surface = jnp.concatenate([jnp.zeros((0, 3)), *points])
         chord = jnp.mean(surface[self.ends], axis=1)
         placed = chord + self.curving[:, None] * (surface - chord)
         return self.boxes + self.extension @ (placed - self.boxes[self.wall])
@@ -175,12 +191,13 @@ def _made(
         directions=tuple(directions),
         ends=jnp.asarray(ends),
         curving=jnp.asarray(_curving(surface, ends)),
+        grown=jnp.zeros(len(layout.shapes)),
         extension=jnp.asarray(harmonic_extension(subdivided(mesh), held, np.eye(len(held), len(wall)))),
         tets=mesh.tets,
         walls=tuple(walls),
         made_quality=1.0,
     )
-    made = _straightened(made, theta)
+    made = _of_volume(_straightened(made, theta), theta)
     _check(made.mesh(theta))
     return replace(made, made_quality=made.quality(theta))
 
@@ -271,6 +288,25 @@ def _straightened(made: LayoutMesh, theta: Float[Array, " p"]) -> LayoutMesh:
         less = made.curving.at[middles[middles >= 0]].multiply(0.5)
         made = replace(made, curving=less)
     return made
+
+
+def _of_volume(made: LayoutMesh, theta: Float[Array, " p"]) -> LayoutMesh:
+    """With cavities grown until they have their volumes, to first order in what is missing."""
+    directions, faces = cube_sphere(_DIRECTIONS)
+    wanted = [
+        enclosed_volume(np.asarray(points), faces)
+        for points in made.layout.points(theta, [directions] * len(made.walls))
+    ]
+
+    def volumes(grown: Float[Array, " k"]) -> Float[Array, " k"]:
+        rest = replace(made, grown=grown).rest(theta)
+        return jnp.stack([Cavity(jnp.asarray(wall.faces))(rest) for wall in made.walls])
+
+    grown = made.grown
+    for _ in range(_GROWTHS):
+        found, more = volumes(grown), volumes(grown + _TRIAL_M)
+        grown = grown + (jnp.array(wanted) - found) * _TRIAL_M / (more - found)
+    return replace(made, grown=grown)
 
 
 def _check(mesh: TetMesh) -> None:

@@ -38,7 +38,10 @@ def test_walls_lie_on_the_surfaces_and_the_skin_stays(twins, twin_mesh, changed)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1.0]])
     local = (after.nodes[corners] - np.asarray(values[1][:3])) @ turn
     apart = np.linalg.norm(local - np.clip(local, fillet - half, half - fillet), axis=1)
-    np.testing.assert_allclose(apart, fillet, rtol=1e-8)
+    # Farther out by what makes up for the volume that flat faces cut off.
+    grown = float(made.grown[1])
+    assert 0 < grown < 0.15e-3
+    assert (apart > fillet).all() and (apart < fillet + np.sqrt(3.0) * grown).all()
 
 
 def test_mirrored_cavities_have_mirrored_nodes(twin_mesh, changed) -> None:
@@ -63,18 +66,19 @@ def test_every_profile_is_meshed_well(profile, shape, layout_like, fineness) -> 
     assert not made.worn(layout.start)
 
 
-def test_a_finer_mesh_has_the_cavitys_volume() -> None:
+def test_meshes_have_the_cavitys_volume_and_need_to_grow_it_ever_less() -> None:
     block = PadGeometry((0.03, 0.03, 0.02), (0.016, 0.014, 0.008), ((0.0, 0.0),), 0.006).block()
     values = {"x": 0.0, "y": 0.0, "z": 0.01, "half x": 0.008, "half y": 0.007, "half z": 0.004}
     ball = CavityShape(Superellipsoid()), {**values, "roundness": 1.0}
     layout = TiedLayout.of(Outline.of(block), [ball], [])
     exact = 4 / 3 * np.pi * 0.008 * 0.007 * 0.004
-    errors = []
+    grown = []
     for size in (0.012, 0.006, 0.003):
         made = layout_mesh(layout, layout.start, Fineness(size, finer_to_the_top(0.02, size)))
-        errors.append(volume(made, layout.start) / exact - 1)
-    assert abs(errors[0]) < 0.2 and abs(errors[2]) < 0.02
-    assert abs(errors[2]) < 0.5 * abs(errors[1]) < 0.25 * abs(errors[0])
+        assert volume(made, layout.start) == pytest.approx(exact, rel=5e-4)
+        grown.append(abs(float(made.grown[0])))
+    assert grown[0] < 0.5e-3
+    assert grown[2] < 0.5 * grown[1] < 0.25 * grown[0]
 
 
 def test_nodes_have_the_derivatives_of_differences(twins, twin_mesh, changed) -> None:
