@@ -167,7 +167,7 @@ def main() -> None:
     config = finer_config(load(plan.device), 1.0 / given.coarser)
     problem = build_problem(plan, config)
     own = build_mesh(config)
-    answers = problem.answered(build_device(config, own), own.cavities)
+    answers = problem.answered(build_device(config, own), own.cavities, problem.layout.start)
     problem = replace(problem, limits=build_limits(plan, config, answers, plan.limits))
     layout = problem.layout
     geometry = Geometry(layout, problem.walls, problem.guides)

@@ -25,6 +25,7 @@ from softfuse.config.build_design import (
     finer_config,
     limits_of,
     save_designed,
+    searched_config,
     shown_units,
 )
 from softfuse.config.build_device import build_device
@@ -54,10 +55,11 @@ def design(
     one_of(scheduler, workers)
     planned = load_design(plan)
     settings = load(planned.device)
-    problem = build_problem(planned, settings)
+    searched = searched_config(planned, settings)
+    problem = build_problem(planned, searched)
     with busy("the device as it is", quiet=quiet):
-        mesh = build_mesh(settings)
-        own = problem.answered(build_device(settings, mesh), mesh.cavities)
+        mesh = build_mesh(searched)
+        own = problem.answered(build_device(searched, mesh), mesh.cavities, problem.layout.start)
     problem = replace(problem, limits=build_limits(planned, settings, own, limits_of(planned)))
     before = np.asarray(measured(problem.measures, own))
     task = Task(str(plan.resolve()), digest(planned), digest(settings), installed_version())
@@ -80,7 +82,8 @@ def design(
     found |= run.searched(_front(run, settings, own, found[best].best.theta))
     theta = found[best].best.theta
     with busy("writing the device", quiet=quiet):
-        mesh = problem.on_mesh(theta).mesh
+        # Of the device's own fineness, not the search's.
+        mesh = build_problem(planned, settings).on_mesh(theta).mesh
         save_designed(planned, settings, mesh, theta, out / "designed.toml")
         try:
             solids = cast(planned, problem.layout, theta, out / "casting")
@@ -127,14 +130,14 @@ def _verified(
     with busy("finer meshes", quiet=quiet):
         own, mesh = build_mesh(finer), problem.on_mesh(theta).mesh
         devices = (
-            (build_device(finer, own), own.cavities),
-            (problem.build(mesh, theta), mesh.walls),
+            (build_device(finer, own), own.cavities, problem.layout.start),
+            (problem.build(mesh, theta), mesh.walls, theta),
         )
         at_rest = [np.asarray(measured(measures, problem.answered(*each))) for each in devices]
     with tracked_calls("pressing", total=2 * len(problem.places), quiet=quiet) as seen:
         hard = [
             pressed(device, [wall.faces for wall in walls], problem.places, plan.verify.force, seen=seen)
-            for device, walls in devices
+            for device, walls, _ in devices
         ]
     before, after = map(Verified, at_rest, hard)
     return before, after, problem.places

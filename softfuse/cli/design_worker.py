@@ -14,7 +14,13 @@ from jaxtyping import Float
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.version import require_version
 from softfuse.config import load
-from softfuse.config.build_design import build_problem, limit_measures, limits_of, search_settings
+from softfuse.config.build_design import (
+    build_problem,
+    limit_measures,
+    limits_of,
+    search_settings,
+    searched_config,
+)
 from softfuse.config.design_plan import DesignPlan, load_design
 from softfuse.config.digest import digest
 from softfuse.design.limits import Limit
@@ -87,7 +93,7 @@ def _problem(task: Task) -> tuple[DesignPlan, Problem, Geometry]:
     config = load(plan.device)
     if (digest(plan), digest(config)) != (task.plan, task.config):
         raise SoftfuseError(f"{task.path}: a worker finds other files than here: share the folder")
-    problem = build_problem(plan, config)
+    problem = build_problem(plan, searched_config(plan, config))
     open_limits = tuple(map(Limit, limit_measures(plan, config, limits_of(plan))))
     problem = replace(problem, limits=open_limits)
     return plan, problem, Geometry(problem.layout, problem.walls, problem.guides)

@@ -13,7 +13,9 @@ from tomlkit.items import AoT
 from softfuse.config.body import BlockSource, FingerSource
 from softfuse.config.build_attached import build_centreline, build_points
 from softfuse.config.build_cable_route import CableRoute
+from softfuse.config.build_cavity_count import channel_edits
 from softfuse.config.build_device import build_device
+from softfuse.config.build_electrode_pitch import ElectrodePitch, touched
 from softfuse.config.build_mesh import device_mesh
 from softfuse.config.build_sweep import build_series
 from softfuse.config.cavity_shapes import written_centre, written_shape
@@ -29,7 +31,7 @@ from softfuse.config.design_plan import (
     SufferedSettings,
 )
 from softfuse.config.device import DeviceConfig
-from softfuse.config.file import moved, saved
+from softfuse.config.file import edit, moved, saved
 from softfuse.config.sweep_plan import ElectrodePlaces, SweepPlan
 from softfuse.design.layout import Parameter, TiedLayout
 from softfuse.design.layout_mesh import Fineness, LayoutMesh
@@ -38,6 +40,7 @@ from softfuse.design.objective import (
     AbstractMeasure,
     Answers,
     Closing,
+    ElectrodeError,
     ForceError,
     Ignorance,
     PairError,
@@ -50,7 +53,7 @@ from softfuse.design.objective import (
     WorstForceError,
 )
 from softfuse.design.outline import Outline
-from softfuse.design.problem import Problem, Walls
+from softfuse.design.problem import Problem, Walls, untouched
 from softfuse.design.search import SearchSettings
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
@@ -62,7 +65,12 @@ from softfuse.mesh.pad import finer_to_the_top
 ShownUnits = Mapping[str, tuple[str, float]]
 """By SI unit, the unit that people read and how many of it are one; others are read as they are."""
 
-_PLAIN = {"unevenness": Unevenness, "sensitivity": Sensitivity, "softness": Softness}
+_PLAIN = {
+    "unevenness": Unevenness,
+    "sensitivity": Sensitivity,
+    "softness": Softness,
+    "electrode-error": ElectrodeError,
+}
 _PRESS = {
     "force-error": ForceError,
     "worst-force-error": WorstForceError,
@@ -75,13 +83,8 @@ _SUFFERED = {"closing": Closing, "strain": Strain}
 def build_layout(plan: DesignPlan, config: DeviceConfig) -> TiedLayout:
     """The layout of a plan, with parameters that are 0 as drawn.
 
-    Raises ConfigError when the device's body is no block, or has another number of cavities.
+    Raises ConfigError when the device's body is no block.
     """
-    if len(plan.cavities) != len(config.cavities):
-        raise ConfigError(
-            f"{plan.path}: cavity: {len(plan.cavities)} of them, but {config.path} has "
-            f"{len(config.cavities)}: sensors belong to cavities, so draw as many"
-        )
     numbers = {cavity.name: k for k, cavity in enumerate(plan.cavities)}
 
     def parameter(settings: ParameterSettings) -> Parameter:
@@ -100,6 +103,7 @@ def build_problem(plan: DesignPlan, config: DeviceConfig) -> Problem:
 
     Raises ConfigError as `build_layout` does, or when places and measures do not suit the device.
     """
+    channel_edits(plan, config)
     if config.body.element == "linear":
         raise ConfigError(
             f'{config.path}: body.element: walls of any shape need "taylor-hood" or "quadratic" elements'
@@ -111,7 +115,7 @@ def build_problem(plan: DesignPlan, config: DeviceConfig) -> Problem:
     fronts = () if plan.front is None else (plan.front.of,)
     wanted = (plan.objective, *(limit.of for limit in plan.limits), *fronts)
 
-    route = CableRoute.of(plan, config)
+    route, pitch = CableRoute.of(plan, config), ElectrodePitch.of(plan, config)
 
     def build(mesh: LayoutMesh, theta: Float[np.ndarray, " p"]) -> Device:
         routed = route.configured(config, theta)
@@ -131,6 +135,7 @@ def build_problem(plan: DesignPlan, config: DeviceConfig) -> Problem:
         watch=lambda device: _watched(config, device),
         follow=route.on_device,
         guides=lambda theta: jnp.concatenate([jnp.zeros((0, 3)), *route.guides(theta)]),
+        touched=touched(plan, config, pitch, places) if any(map(_by_electrodes, wanted)) else untouched,
     )
 
 
@@ -171,6 +176,19 @@ def search_settings(plan: DesignPlan) -> SearchSettings:
     """How a plan's searches go."""
     look = plan.search
     return SearchSettings(look.legs, look.iterations, look.move, look.improvement)
+
+
+def searched_config(plan: DesignPlan, config: DeviceConfig) -> DeviceConfig:
+    """The config on whose mesh a plan searches; raises ConfigError where that has no such edges."""
+    source = config.body.source
+    for name in plan.search.edges:
+        if name not in source.edges:
+            raise ConfigError(
+                f"{plan.path}: search.edges: the mesh of {config.path} has no {name}: it has "
+                f"{', '.join(source.edges) or 'none that can be chosen'}"
+            )
+    body = config.body.model_copy(update={"source": source.model_copy(update=plan.search.edges)})
+    return config.model_copy(update={"body": body})
 
 
 def finer_config(config: DeviceConfig, times: float) -> DeviceConfig:
@@ -226,9 +244,9 @@ def build_measure(plan: DesignPlan, settings: AnyMeasure, names: Sequence[str]) 
 
 def _noise(config: DeviceConfig, plan: DesignPlan) -> Float[np.ndarray, " k"]:
     if config.gas is None:
-        return np.full(len(config.cavities), plan.noise.volume)
+        return np.full(len(plan.cavities), plan.noise.volume)
     cables = np.full(len(config.cables), plan.noise.shortening)
-    return np.append(cables, np.full(len(config.cavities), plan.noise.pressure))
+    return np.append(cables, np.full(len(plan.cavities), plan.noise.pressure))
 
 
 def _watched(config: DeviceConfig, device: Device) -> MaterialPoints | None:
@@ -269,6 +287,13 @@ def _fineness(plan: DesignPlan, config: DeviceConfig) -> Fineness:
         return source.wall_size + source.growth * edge_distance(boxes, corners).min(axis=1)
 
     return Fineness(source.base_size, near_walls)
+
+
+def _by_electrodes(settings: AnyMeasure) -> bool:
+    """Whether a measure asks what electrodes tell of places."""
+    if isinstance(settings, PressMeasureSettings):
+        return settings.place_sigma is None
+    return settings.measure == "electrode-error"
 
 
 def _numbered(name: str, numbers: dict[str, int]) -> str:
@@ -316,6 +341,12 @@ def save_designed(
     guides = CableRoute.of(plan, config).guides(jnp.asarray(theta))
     for cable, places in zip(document.get("cable", ()), guides, strict=True):
         cable["guides"] = [[_millimetres(float(x)) for x in place] for place in places]
+    edits = {**channel_edits(plan, config), **ElectrodePitch.of(plan, config).edits(config, theta)}
+    if config.estimator.reading_spread is not None:
+        # A calibration's, of other cavities.
+        edits["estimator", "reading_spread"] = None
+    for place, value in edits.items():
+        edit(document, place, value, config.path)
     document["cavity"] = _tables(
         [{"name": name, "centre": written_centre(*part)} for name, part in zip(names, parts, strict=True)]
     )

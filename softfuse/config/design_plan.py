@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from annotated_types import Ge, Gt
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from softfuse.config.cavity_shapes import RoundedBoxSettings, SuperellipsoidSettings
 from softfuse.config.file import file_text, validated
@@ -29,6 +29,12 @@ from softfuse.config.sweep_plan import AnyPlaces
 
 AXES = ("x", "y", "z")
 """Names of the coordinates of a guide."""
+
+KnownPlace = Annotated[
+    Annotated[float, Gt(0)] | None,
+    BeforeValidator(lambda value: None if value == "electrodes" else LENGTH.parse(value)),
+]
+"""How well a place is known otherwise: a length, or "electrodes"."""
 
 Quantity = str | float
 """Of a kind that depends on the value that it changes: "2 mm", "5 deg" or 0.1."""
@@ -53,23 +59,28 @@ DrawnCavity = Annotated[DrawnRoundedBox | DrawnSuperellipsoid, Field(discriminat
 
 class TieSettings(Settings):
     """Values of a cavity, see `CavityShape.names`, or "x", "y", "z" of a cable's guides, all or those
-    numbered from 0, that a parameter is added to, so many times.
+    numbered from 0, or the "pitch" of lines of electrodes, that a parameter is added to, so many times.
     """
 
     cavity: str | None = None
     cable: str | None = None
+    electrodes: Literal["rows", "columns"] | None = None
     guides: Annotated[tuple[Annotated[Integer, Ge(0)], ...], NotEmpty] | None = None
     value: str
     times: Number = 1.0
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if (self.cavity is None) == (self.cable is None):
-            raise wrong_value("adds to a cavity or to a cable: give the name of one")
+        if [self.cavity, self.cable, self.electrodes].count(None) != 2:
+            raise wrong_value(
+                'adds to one thing: name a cavity or a cable, or electrodes, "rows" or "columns"'
+            )
         if self.cable is None and self.guides is not None:
             raise wrong_value("are those of a cable: give its name", key="guides")
         if self.cable is not None and self.value not in AXES:
             raise wrong_value(f'a cable\'s guides have {", ".join(AXES)}, no "{self.value}"', key="value")
+        if self.electrodes is not None and self.value != "pitch":
+            raise wrong_value(f'lines of electrodes have a pitch, no "{self.value}"', key="value")
         return self
 
 
@@ -135,15 +146,17 @@ def _unit(value: str) -> str:
 class PlainMeasureSettings(Settings):
     """A measure without settings, see `softfuse.design.objective`."""
 
-    measure: Literal["unevenness", "sensitivity", "softness"]
+    measure: Literal["unevenness", "sensitivity", "softness", "electrode-error"]
 
 
 class PressMeasureSettings(Settings):
-    """A measure of presses with a force [N], whose places are known otherwise to place_sigma m."""
+    """A measure of presses with a force [N], whose places are known otherwise to place_sigma m; None, in the
+    file "electrodes": as well as the device's electrodes tell them.
+    """
 
     measure: Literal["force-error", "worst-force-error", "ignorance", "shape-error"]
     force: PositiveForce
-    place_sigma: PositiveLength
+    place_sigma: KnownPlace
 
 
 class SufferedSettings(Settings):
@@ -220,9 +233,12 @@ class NoiseSettings(Settings):
 
 
 class LookSettings(Settings):
-    """How the search goes: random starts besides the cavities as drawn, of which so many are followed; see
+    """How the search goes: on a mesh whose `edges`, such as {"surface_size": 0.009} m, may be other ones than
+    the device's; random starts besides the cavities as drawn, of which so many are followed; see
     `SearchSettings`.
     """
+
+    edges: dict[str, PositiveLength] = {}
 
     starts: Annotated[Integer, Ge(0)] = 0
     followed: PositiveInteger = 1
@@ -289,7 +305,8 @@ class DesignPlan(FileSettings):
     """A validated design task, in SI.
 
     device: configuration of the device whose cavities are designed; its body is a block with cavities.
-    places: presses by which a layout is judged. cavities as drawn, and the parameters that change them.
+    places: presses by which a layout is judged. cavities as drawn, as many as shall be, and the parameters
+    that change them.
     """
 
     device: ExistingFile

@@ -70,7 +70,7 @@ def save_edited(source: str | Path, target: str | Path, edits: Edits) -> DeviceC
     load(source)
     document = moved(source, target)
     for place, value in edits.items():
-        _set(document, place, value, source)
+        edit(document, place, value, source)
     return saved(tomlkit.dumps(document), target)
 
 
@@ -111,7 +111,10 @@ def file_text(path: Path) -> str:
         raise ConfigError(f"{path}: not valid TOML: it is not UTF-8 text") from error
 
 
-def _set(document: Any, key: Key, value: object, source: Path) -> None:
+def edit(document: Any, key: Key, value: object, source: Path) -> None:
+    """Change a value of a document that came from `source`, None to take the key away; tables that it lacks
+    are added. Raises ConfigError when a table of a list is not there.
+    """
     table = document
     try:
         for part in key[:-1]:

@@ -5,9 +5,10 @@ what else knows the place, to σ_p, the information on (F, p) is
 
     J = Aᵀ A + diag(0, σ_p⁻², σ_p⁻²),     A = [w, B] / σ,
 
-and its inverse the covariance (`estimation.observability`). Optimal design knows several numbers of it: the
-mean variance (A-optimal), the largest (E-optimal), the volume of the ellipsoid, ln det J⁻¹ (D-optimal).
-Source: F. Pukelsheim, Optimal Design of Experiments, 1993, ch. 6.
+and its inverse the covariance (`estimation.observability`). Where electrodes know the place, their
+information on it (2, 2) stands for σ_p⁻². Optimal design knows several numbers of it: the mean variance
+(A-optimal), the largest (E-optimal), the volume of the ellipsoid, ln det J⁻¹ (D-optimal). Source: F.
+Pukelsheim, Optimal Design of Experiments, 1993, ch. 6.
 
 Whoever needs another one writes a class with a name, a unit and a `__call__` that says what shall be small:
 
@@ -36,7 +37,8 @@ class Answers(eqx.Module):
     """How a device answers to s presses, see `RestResponse`: by_force (s, k) [reading's SI unit/N], by_place
     (s, k, 2) [that/(N m)], softness (s,) [m/N], motion (s, m, 3) [m/N] of what is watched, closing (s,)
     [1/N]: the largest part of the distance between opposite walls of a cavity that is lost, strain (s,)
-    [1/N]: the largest principal one in the material; noise (k,) [reading's SI unit] of readings.
+    [1/N]: the largest principal one in the material; noise (k,) [reading's SI unit] of readings; touched
+    (s, 2, 2) [1/m²]: information of electrodes on the place.
     """
 
     by_force: Float[Array, "s k"]
@@ -46,19 +48,21 @@ class Answers(eqx.Module):
     closing: Float[Array, " s"]
     strain: Float[Array, " s"]
     noise: Float[Array, " k"]
+    touched: Float[Array, "s 2 2"]
 
     @property
     def sensitivity(self) -> Float[Array, " s"]:
         """|w| (s,) [reading's SI unit/N]."""
         return jnp.linalg.norm(self.by_force, axis=1)
 
-    def covariance(self, force_N: float, place_sigma_m: float) -> Float[Array, "s 3 3"]:
+    def covariance(self, force_N: float, place_sigma_m: float | None) -> Float[Array, "s 3 3"]:
         """Of force [N] and place [m] (s, 3, 3) under a force [N], places known to `place_sigma_m` otherwise,
-        which may be inf.
+        which may be inf; None: as electrodes tell them.
         """
         a = jnp.concatenate([self.by_force[..., None], force_N * self.by_place], axis=2)
         a = a / self.noise[:, None]
-        known = jnp.diag(jnp.array([0.0, place_sigma_m**-2, place_sigma_m**-2]))
+        known = self.touched if place_sigma_m is None else place_sigma_m**-2 * jnp.eye(2)
+        known = jnp.zeros((a.shape[0], 3, 3)).at[:, 1:, 1:].set(known)
         return jnp.linalg.inv(jnp.swapaxes(a, 1, 2) @ a + known)
 
 
@@ -141,13 +145,13 @@ class Strain(AbstractMeasure):
 
 class ForceError(AbstractMeasure):
     """Root mean square of the force's standard deviation: A-optimality. force_N [N]: of the presses;
-    place_sigma_m [m]: how well their places are known otherwise.
+    place_sigma_m [m]: how well their places are known otherwise, None: as electrodes tell them.
     """
 
     name: ClassVar[str] = "force error"
     unit: ClassVar[str] = "N"
     force_N: float
-    place_sigma_m: float
+    place_sigma_m: float | None
 
     def __call__(self, answers):
         """Over all presses."""
@@ -160,7 +164,7 @@ class WorstForceError(AbstractMeasure):
     name: ClassVar[str] = "worst force error"
     unit: ClassVar[str] = "N"
     force_N: float
-    place_sigma_m: float
+    place_sigma_m: float | None
 
     def __call__(self, answers):
         """(Σ σ^n / s)^(1/n): at most the largest, at least s^(−1/n) times it."""
@@ -177,7 +181,7 @@ class Ignorance(AbstractMeasure):
     name: ClassVar[str] = "ignorance"
     unit: ClassVar[str] = "1"
     force_N: float
-    place_sigma_m: float
+    place_sigma_m: float | None
 
     def __call__(self, answers):
         """Over all presses."""
@@ -199,6 +203,18 @@ class PlaceError(AbstractMeasure):
         """exp of the mean of ln √(σ_x² + σ_y²)."""
         covariance = answers.covariance(self.force_N, float("inf"))
         return jnp.exp(jnp.mean(0.5 * jnp.log(covariance[:, 1, 1] + covariance[:, 2, 2])))
+
+
+class ElectrodeError(AbstractMeasure):
+    """Root mean square of the place's standard deviation by electrodes alone."""
+
+    name: ClassVar[str] = "place error of electrodes"
+    unit: ClassVar[str] = "m"
+
+    def __call__(self, answers):
+        """√ of the mean of σ_x² + σ_y², over all presses."""
+        covariance = jnp.linalg.inv(answers.touched)
+        return jnp.sqrt(jnp.mean(jnp.trace(covariance, axis1=1, axis2=2)))
 
 
 class PairError(AbstractMeasure):
@@ -225,7 +241,7 @@ class ShapeError(AbstractMeasure):
     name: ClassVar[str] = "shape error"
     unit: ClassVar[str] = "m"
     force_N: float
-    place_sigma_m: float
+    place_sigma_m: float | None
 
     def __call__(self, answers):
         """Over all presses and watched points."""

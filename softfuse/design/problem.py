@@ -59,6 +59,12 @@ def no_guides(theta: Array) -> Float[Array, "0 3"]:
     return jnp.zeros((0, 3))
 
 
+def untouched(theta: Array) -> Float[Array, "1 2 2"]:
+    """No electrodes that tell anything of a place."""
+    del theta
+    return jnp.zeros((1, 2, 2))
+
+
 class Watched(eqx.Module):
     """What is watched of a device on one mesh besides its readings: the points whose motion counts, and
     opposite walls of its cavities.
@@ -77,7 +83,8 @@ class Problem:
     it counts how readings change with the place; watch: the points of a device whose motion counts, such as
     `MaterialPoints.embedded` finds them; follow: what else of a device follows parameters (p,) besides its
     cavities, differentiably; guides: points (m, 3) m in the material with parameters (p,) that have to be as
-    far from cavities as walls are thick, such as those of a cable.
+    far from cavities as walls are thick, such as those of a cable; touched: information (s, 2, 2) 1/m² of
+    electrodes on each place with parameters (p,), differentiable, see `sensing.place_information`.
     """
 
     layout: AbstractLayout
@@ -92,6 +99,7 @@ class Problem:
     watch: Callable[[Device], MaterialPoints | None] = lambda device: None
     follow: Callable[[Device, Array], Device] = lambda device, theta: device
     guides: Callable[[Array], Array] = no_guides
+    touched: Callable[[Array], Array] = untouched
 
     @property
     def measures(self) -> tuple[AbstractMeasure, ...]:
@@ -103,8 +111,8 @@ class Problem:
         facing = Facing.of(np.asarray(device.body.rest), [wall.faces for wall in walls])
         return Watched(self.watch(device), facing)
 
-    def answers(self, device: Device, watched: Watched) -> Answers:
-        """How a device answers to the presses; differentiable in it."""
+    def answers(self, device: Device, watched: Watched, theta: Float[Array, " p"]) -> Answers:
+        """How a device answers to the presses, with electrodes of parameters (p,); differentiable in both."""
         if self.by_place:
             found, by_place = place_response(device, self.places)
         else:
@@ -120,11 +128,14 @@ class Problem:
             lambda moved: (jnp.max(-facing.gaps(moved) / apart), largest_strain(body, moved)), found.motion
         )
         noise = jnp.asarray(self.noise)
-        return Answers(found.by_force, by_place, found.softness, motion, closing, strain, noise)
+        touched = jnp.broadcast_to(self.touched(theta), (len(self.places), 2, 2))
+        return Answers(found.by_force, by_place, found.softness, motion, closing, strain, noise, touched)
 
-    def answered(self, device: Device, walls: Sequence[Surface]) -> Answers:
-        """The answers of a device whose cavities have these walls, compiled for it."""
-        return eqx.filter_jit(self.answers)(device, self.watched(device, walls))
+    def answered(self, device: Device, walls: Sequence[Surface], theta: Float[np.ndarray, " p"]) -> Answers:
+        """The answers of a device whose cavities have these walls, with electrodes of parameters (p,),
+        compiled for it.
+        """
+        return eqx.filter_jit(self.answers)(device, self.watched(device, walls), jnp.asarray(theta))
 
     def on_mesh(self, theta: Float[np.ndarray, " p"]) -> "MeshedProblem":
         """The problem on a mesh made for parameters (p,); raises MeshError where there is none."""
@@ -151,7 +162,7 @@ class Problem:
     def _measured(
         self, device: Device, mesh: LayoutMesh, watched: Watched, theta: Float[Array, " p"]
     ) -> Float[Array, " m"]:
-        answers = self.answers(self.follow(device_at(device, mesh, theta), theta), watched)
+        answers = self.answers(self.follow(device_at(device, mesh, theta), theta), watched, theta)
         return measured(self.measures, answers)
 
 

@@ -196,11 +196,12 @@ def peak_shape(model: PeakModel) -> PeakShape:
     program is compiled, where the model is a constant of it.
     """
     with jax.ensure_compile_time_eval():
-        return _shape_of(model)
+        return line_shape(model)
 
 
 @eqx.filter_jit
-def _shape_of(model: PeakModel) -> PeakShape:
+def line_shape(model: PeakModel) -> PeakShape:
+    """The same, differentiable in the model."""
     rows = line_points(model.row_y_m, model.column_x_m, model.row_rim_m)
     columns = line_points(model.column_x_m, model.row_y_m, model.column_rim_m)
     depth = peak_layers(model) @ jnp.stack([model.row_depth_m, model.column_depth_m])

@@ -10,6 +10,7 @@ import pytest
 
 from softfuse.config import load
 from softfuse.config.build_cable_route import CableRoute
+from softfuse.config.build_cavity_count import channel_edits
 from softfuse.config.build_design import (
     build_layout,
     build_limits,
@@ -19,6 +20,7 @@ from softfuse.config.build_design import (
     finer_config,
     limits_of,
     save_designed,
+    searched_config,
 )
 from softfuse.config.design_plan import load_design
 from softfuse.design.layout_mesh import layout_mesh
@@ -106,7 +108,33 @@ def test_pairs_are_numbers_of_presses() -> None:
             'cable = "palm", value = "half z"',
             'have x, y, z, no "half z"',
         ),
-        (FINGER, 'cable = "palm"', 'cable = "palm", cavity = "base left"', "give the name of one"),
+        (FINGER, 'cable = "palm"', 'cable = "palm", cavity = "base left"', "adds to one thing"),
+        (FINGER, 'cable = "palm", value = "z"', 'electrodes = "rows", value = "pitch"', "has no rows and"),
+        (PAD, 'cavity = "outer left", value = "x"', 'electrodes = "rows", value = "x"', 'pitch, no "x"'),
+        (
+            PAD,
+            'cavity = "outer left", value = "x"',
+            'electrodes = "rows", value = "pitch"',
+            "could leave the",
+        ),
+        (
+            PAD,
+            'lower = "-7 mm"\nupper = "20 mm"\nscale = "1 mm"\nadds = [{ cavity = "outer left", value = "x"',
+            'lower = "-9 mm"\nupper = "1 mm"\nadds = [{ electrodes = "columns", value = "pitch"',
+            "could cross",
+        ),
+        (
+            FINGER,
+            'measure = "softness"',
+            'measure = "force-error", force = "1 N", place_sigma = "electrodes"',
+            "has no rows and columns",
+        ),
+        (
+            PAD,
+            'measure = "unevenness"',
+            'measure = "force-error"\nforce = "1 N"\nplace_sigma = "none"',
+            'such as "64 mm"',
+        ),
         (PAD, 'half = ["5 mm"', 'halves = ["5 mm"', r"cavity\[0\]"),
         (FINGER, '"lower palm", "lower left"', '"lower palm", "thumb"', 'no press on an electrode "thumb"'),
         (FINGER, 'measure = "softness"', 'measure = "place-error", force = "1 N"', "pressed as a whole"),
@@ -137,6 +165,17 @@ def test_a_finer_config_has_shorter_edges() -> None:
     for name in ("pad.toml", "finger.toml"):
         config = load(CONFIGS / name)
         assert finer_config(config, 2.0).body.source.base_size == 0.5 * config.body.source.base_size
+
+
+def test_a_search_may_have_a_mesh_of_its_own() -> None:
+    plan = load_design(PAD)
+    config = load(plan.device)
+    other = plan.model_copy(update={"search": plan.search.model_copy(update={"edges": {"base_size": 0.01}})})
+    source = searched_config(other, config).body.source
+    assert (source.base_size, source.surface_size) == (0.01, config.body.source.surface_size)
+    wrong = plan.model_copy(update={"search": plan.search.model_copy(update={"edges": {"wall_size": 0.01}})})
+    with pytest.raises(ConfigError, match="no wall_size: it has surface_size, base_size"):
+        searched_config(wrong, config)
 
 
 @pytest.mark.parametrize("path", [PAD, FINGER])
@@ -175,6 +214,7 @@ def test_limits_are_parts_of_the_devices_own_or_stand_by_themselves(changed) -> 
         jnp.zeros((1, 0, 3)),
         *suffered,
         jnp.ones(4),
+        jnp.zeros((1, 2, 2)),
     )
     kept, strain, *_ = build_limits(plan, load(plan.device), own, limits_of(plan))
     assert kept.at_least == pytest.approx(0.4 * 2e-9) and kept.at_most == np.inf
@@ -220,3 +260,87 @@ def test_readings_have_the_derivatives_of_devices_with_other_guides(changed, coa
 
     step = 2e-5
     assert slope == pytest.approx((built(step) - built(-step)) / (2 * step), rel=1e-4)
+
+
+PITCH = """
+[[parameter]]
+name = "pitch"
+lower = "-4 mm"
+upper = "2 mm"
+adds = [{ electrodes = "rows", value = "pitch" }, { electrodes = "columns", value = "pitch" }]
+"""
+
+
+@pytest.mark.parametrize("device", ["pad.toml", "pad_mutual.toml"])
+def test_lines_of_electrodes_follow_their_pitch(changed, tmp_path, device) -> None:
+    path = changed(
+        PAD,
+        (str(CONFIGS / "pad.toml"), str(CONFIGS / device)),
+        ('measure = "unevenness"', 'measure = "force-error"\nforce = "5 N"\nplace_sigma = "electrodes"'),
+        ("# What may change", PITCH + "\n# What may change"),
+    )
+    plan = load_design(path)
+    config = load(plan.device)
+    problem = build_problem(plan, config)
+    theta = np.zeros(len(plan.parameters))
+    theta[[parameter.name for parameter in plan.parameters].index("pitch")] = -1e-3
+    told = {}
+    mesh = layout_mesh(problem.layout, theta, problem.fineness)
+    for name, at in (("drawn", 0.0 * theta), ("nearer", theta)):
+        designed = save_designed(plan, config, mesh, at, tmp_path / f"{name}.toml")
+        lines = designed.sensors.grid or designed.sensors.capacitive
+        drawn = config.sensors.grid or config.sensors.capacitive
+        for own, before in ((lines.row_y, drawn.row_y), (lines.column_x, drawn.column_x)):
+            np.testing.assert_allclose(np.diff(own), np.diff(before) + at.sum(), atol=1e-12)
+            assert np.mean(own) == pytest.approx(0.0, abs=1e-12)
+        told[name] = problem.touched(jnp.asarray(at))
+    assert told["drawn"].shape == (len(problem.places), 2, 2)
+    # Beyond the outermost lines less is told, and these are nearer to the middle now.
+    corner = int(np.argmax(problem.places[:, 0] + problem.places[:, 1]))
+    error = {name: np.trace(np.linalg.inv(each[corner])) for name, each in told.items()}
+    assert error["nearer"] > 1.2 * error["drawn"]
+
+
+def test_a_plan_may_draw_another_number_of_cavities(changed, tmp_path) -> None:
+    text = PAD.read_text(encoding="utf-8")
+    cavity = text[text.index('[[cavity]]\nname = "outer right"') : text.index("# What may change")]
+    fifth = (
+        cavity.replace("outer right", "middle").replace('["27 mm"', '["0 mm"').replace('["5 mm"', '["1.5 mm"')
+    )
+    config = load(CONFIGS / "pad.toml")
+    more = load_design(changed(PAD, (cavity, cavity + fifth)))
+    problem = build_problem(more, config)
+    start = problem.layout.start
+    mesh = layout_mesh(problem.layout, start, problem.fineness)
+    saved = save_designed(more, config, mesh, start, tmp_path / "more.toml")
+    assert saved.sensors.flow.channels == (*config.sensors.flow.channels, "middle V")
+    assert len(saved.cavities) == len(saved.body.source.shapes) == 5
+    assert len(problem.noise) == 5
+
+
+def test_what_a_calibration_said_of_other_cavities_is_left_out(changed, tmp_path) -> None:
+    text = (CONFIGS / "pad.toml").read_text(encoding="utf-8")
+    assert "[estimator]\n" in text
+    calibrated, spread = tmp_path / "calibrated.toml", tmp_path / "spread.npz"
+    spread.touch()
+    calibrated.write_text(
+        text.replace("[estimator]\n", f'[estimator]\nreading_spread = "{spread}"\n'), encoding="utf-8"
+    )
+    plan = load_design(changed(PAD, (str(CONFIGS / "pad.toml"), str(calibrated))))
+    config = load(calibrated)
+    problem = build_problem(plan, config)
+    mesh = layout_mesh(problem.layout, problem.layout.start, problem.fineness)
+    saved = save_designed(plan, config, mesh, problem.layout.start, tmp_path / "designed.toml")
+    assert config.estimator.reading_spread == spread and saved.estimator.reading_spread is None
+
+
+def test_what_each_cavity_has_of_its_own_is_not_guessed(changed) -> None:
+    plan = load_design(FINGER)
+    config = load(plan.device)
+    fewer = plan.model_copy(update={"cavities": plan.cavities[:4]})
+    each = config.model_copy(update={"gas": config.gas.model_copy(update={"dead_volume": (1e-7,) * 6})})
+    with pytest.raises(ConfigError, match="6 values of gas.dead_volume"):
+        channel_edits(fewer, each)
+    assert channel_edits(fewer, config) == {
+        ("sensors", "pressure", "channels"): list(config.sensors.pressure.channels[:4])
+    }

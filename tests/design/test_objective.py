@@ -16,6 +16,7 @@ from softfuse.design.objective import (
     AbstractMeasure,
     Answers,
     Closing,
+    ElectrodeError,
     ForceError,
     Ignorance,
     PairError,
@@ -105,7 +106,7 @@ def test_every_measure_has_the_gradient_of_re_solves_in_every_parameter(problem,
 
     @jax.jit
     def values(theta):
-        return measured(MEASURES, problem.answers(device_at(device, twin_mesh, theta), watched))
+        return measured(MEASURES, problem.answers(device_at(device, twin_mesh, theta), watched, theta))
 
     theta = jnp.asarray(twins.start)
     slope = jax.jit(jax.jacrev(values))(theta)
@@ -135,9 +136,8 @@ def known() -> Answers:
     by_force = jnp.array([[3.0, 0.0], [0.0, 4.0]])
     by_place = jnp.zeros((2, 2, 2))
     suffered = jnp.array([0.1, 0.2]), jnp.array([0.05, 0.03])
-    return Answers(
-        by_force, by_place, jnp.array([1.0, 2.0]), jnp.ones((2, 5, 3)), *suffered, jnp.array([0.3, 0.4])
-    )
+    noise, touched = jnp.array([0.3, 0.4]), jnp.stack([1e6 * jnp.eye(2), 4e6 * jnp.eye(2)])
+    return Answers(by_force, by_place, jnp.array([1.0, 2.0]), jnp.ones((2, 5, 3)), *suffered, noise, touched)
 
 
 def test_measures_of_known_answers(known) -> None:
@@ -153,6 +153,16 @@ def test_measures_of_known_answers(known) -> None:
     assert Ignorance(2.0, 1e-3)(known) == pytest.approx(np.log(0.1))
     assert PairError(jnp.array([[0, 1]]))(known) == pytest.approx(0.1)
     assert ShapeError(2.0, 1e-3)(known) == pytest.approx(0.1 * np.sqrt(3.0))
+    # Electrodes tell one place to 1 mm, the other to half of that, along x and y alike.
+    assert ElectrodeError()(known) == pytest.approx(1e-3 * np.sqrt(0.5 * (2.0 + 0.5)))
+    assert Ignorance(2.0, None)(known) == pytest.approx(np.log(0.1) + 0.5 * np.log(1.0 * 0.25))
+
+
+def test_electrodes_know_places_as_a_length_does(known) -> None:
+    told = replace(
+        known, by_place=known.by_place + 0.5, touched=jnp.broadcast_to(1e6 * jnp.eye(2), (2, 2, 2))
+    )
+    np.testing.assert_allclose(told.covariance(2.0, None), told.covariance(2.0, 1e-3), rtol=1e-12)
 
 
 def test_the_place_error_is_that_of_readings_alone() -> None:
@@ -160,6 +170,12 @@ def test_the_place_error_is_that_of_readings_alone() -> None:
     by_force = jnp.array([[1.0, 0.0, 0.0]])
     by_place = jnp.array([[[0.0, 0.0], [5.0, 0.0], [0.0, 5.0]]])
     answers = Answers(
-        by_force, by_place, *(jnp.ones(1), jnp.zeros((1, 0, 3)), *jnp.ones((2, 1))), jnp.ones(3)
+        by_force,
+        by_place,
+        jnp.ones(1),
+        jnp.zeros((1, 0, 3)),
+        *jnp.ones((2, 1)),
+        jnp.ones(3),
+        jnp.zeros((1, 2, 2)),
     )
     assert PlaceError(2.0)(answers) == pytest.approx(np.sqrt(2.0) / 10.0)
