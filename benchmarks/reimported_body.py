@@ -1,0 +1,85 @@
+"""Whether a designed body's surface that was written for casting has the sensitivities that were designed.
+
+    .venv/bin/python benchmarks/reimported_body.py PLAN DIR [--edge MM] [--envelope PART] [--finer TIMES]
+        [--every N]
+
+PLAN is a design task and DIR the folder of its run (`softfuse design PLAN --out DIR`). DIR/casting/body.stl
+is filled with tetrahedra of edges of so many mm (8) by fTetWild, which knows nothing of the layout and stays
+within so large a part of its diagonal (0.0025) of the surface. The body is pressed at each Nth (5) of the
+plan's places, as is the device of DIR/designed.toml on its own mesh and on one with edges so many times
+shorter (2). Printed: volumes of the cavities, the norm of the readings per newton, mean and coefficient of
+variation, and by how much the norms, and the readings of single cavities, of the first differ from the
+others', in parts of the mean norm.
+"""
+
+import argparse
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from softfuse.cli.computing import prepare_jax
+from softfuse.config import DeviceConfig, load
+from softfuse.config.body import SurfaceSource
+from softfuse.config.build_design import build_places, finer_config
+from softfuse.config.build_device import build_device
+from softfuse.config.build_mesh import build_mesh
+from softfuse.config.design_plan import DesignPlan, load_design
+from softfuse.estimation.rest_response import rest_response
+from softfuse.functional.cavity import Cavity
+
+
+def by_force(plan: DesignPlan, config: DeviceConfig, every: int, name: str) -> np.ndarray:
+    """Readings per newton (s, k) in SI at each so manyth of a plan's places, and a line of them."""
+    mesh = build_mesh(config)
+    device = build_device(config, mesh)
+    places, _ = build_places(plan, config)
+    found = np.asarray(rest_response(device, places[::every]).by_force)
+    norms = np.linalg.norm(found, axis=1)
+    at = jnp.asarray(mesh.mesh.nodes)
+    volumes = ", ".join(f"{1e9 * float(Cavity(jnp.asarray(each.faces))(at)):.0f}" for each in mesh.cavities)
+    print(f"{name}: {len(at)} nodes, cavities {volumes} mm³")
+    print(f"  mean {norms.mean():.5g}/N, variation {norms.std() / norms.mean():.4f}", flush=True)
+    return found
+
+
+def main() -> None:
+    """Read the arguments, press, print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("plan", type=Path)
+    parser.add_argument("dir", type=Path)
+    parser.add_argument("--edge", type=float, default=8.0)
+    parser.add_argument("--envelope", type=float, default=2.5e-3)
+    parser.add_argument("--finer", type=float, default=2.0)
+    parser.add_argument("--every", type=int, default=5)
+    given = parser.parse_args()
+    prepare_jax()
+    plan, designed = load_design(given.plan), load(given.dir / "designed.toml")
+    source = SurfaceSource.model_validate(
+        {
+            "type": "surface",
+            "file": "casting/body.stl",
+            "unit": "mm",
+            "edge_length": f"{given.edge} mm",
+            "envelope": given.envelope,
+        },
+        context={"folder": given.dir, "path": given.dir / "designed.toml"},
+    )
+    body = designed.body.model_copy(update={"source": source})
+    surface = by_force(plan, designed.model_copy(update={"body": body}), given.every, "surface")
+    meshes = {"designed": designed}
+    if designed.body.source.edges:  # a mesh in a file is as fine as it is
+        meshes[f"{given.finer:g} times finer"] = finer_config(designed, given.finer)
+    for name, config in meshes.items():
+        own = by_force(plan, config, given.every, name)
+        mean = np.linalg.norm(own, axis=1).mean()
+        norms = np.abs(np.linalg.norm(surface, axis=1) - np.linalg.norm(own, axis=1)) / mean
+        each = np.abs(surface - own) / mean
+        print(f"  norms off by {norms.mean():.2%} on average, {norms.max():.2%} at most")
+        print(f"  single readings off by {each.mean():.2%} on average, {each.max():.2%} at most")
+
+
+if __name__ == "__main__":
+    main()
