@@ -84,7 +84,8 @@ class ElectrodePitch(eqx.Module):
             least, most = (np.sum(pick(ties[:, None] * bounds, axis=1)) for pick in (np.min, np.max))
             if not np.min(np.diff(drawn)) + least > 0:
                 raise ConfigError(
-                    f"{plan.path}: parameter: {kind} of electrodes could cross: raise bounds of their pitch"
+                    f"{plan.path}: parameter: {kind} of electrodes could cross: raise a lower bound of their "
+                    "pitch"
                 )
             source = config.body.source
             reach = 0.5 * (np.ptp(drawn) + (len(drawn) - 1) * most)
@@ -93,8 +94,8 @@ class ElectrodePitch(eqx.Module):
                 and reach + abs(np.mean(drawn[[0, -1]])) > 0.5 * source.size[axis]
             ):
                 raise ConfigError(
-                    f"{plan.path}: parameter: {kind} of electrodes could leave the body: lower bounds of "
-                    "their pitch"
+                    f"{plan.path}: parameter: {kind} of electrodes could leave the body: reduce an upper "
+                    "bound of their pitch"
                 )
 
 

@@ -9,10 +9,11 @@ between walls and skin follow harmonically,
 
 Nodes in the middle of edges on walls belong to the surface too, so that faces are curved and the volume
 inside them is nearly that of the cavity; where an edge bridges a narrow fillet, or a tetrahedron would turn
-inside out, they stay nearer to its chord. When the tetrahedra are no longer well shaped at θ, a mesh that is
-made for that θ goes on from there: the parameters stay what they are. As long as faces of boxes keep their
-order along each axis, it has the same tetrahedra, only stretched from the old planes to the new ones, so that
-hardly anything jumps (`remade`).
+inside out, they stay nearer to its chord. What such faces cut off is made up for: nodes lie on cavities whose
+half-sizes are larger by what brings the volume back. When the tetrahedra are no longer well shaped at θ, a
+mesh that is made for that θ goes on from there: the parameters stay what they are. As long as faces of boxes
+keep their order along each axis, it has the same tetrahedra, only stretched from the old planes to the new
+ones, so that hardly anything jumps (`remade`).
 
 Faces of boxes that look the same way and lie nearly in a plane are put into one plane, so that no thin slices
 arise between them: the boxes are only where the mesh comes from.
@@ -300,7 +301,7 @@ def _of_volume(made: LayoutMesh, theta: Float[Array, " p"]) -> LayoutMesh:
 
     def volumes(grown: Float[Array, " k"]) -> Float[Array, " k"]:
         rest = replace(made, grown=grown).rest(theta)
-        return jnp.stack([Cavity(jnp.asarray(wall.faces))(rest) for wall in made.walls])
+        return jnp.array([Cavity(jnp.asarray(wall.faces))(rest) for wall in made.walls])
 
     grown = made.grown
     for _ in range(_GROWTHS):
