@@ -32,6 +32,7 @@ from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
 from softfuse.config.design_plan import DesignPlan, load_design
 from softfuse.config.digest import digest
+from softfuse.design.layout_mesh import layout_mesh
 from softfuse.design.objective import AbstractMeasure, Answers, measured
 from softfuse.design.problem import Geometry
 from softfuse.design.verification import pressed
@@ -83,7 +84,7 @@ def design(
     theta = found[best].best.theta
     with busy("writing the device", quiet=quiet):
         # Of the device's own fineness, not the search's.
-        mesh = build_problem(planned, settings).on_mesh(theta).mesh
+        mesh = layout_mesh(problem.layout, theta, build_problem(planned, settings).fineness)
         save_designed(planned, settings, mesh, theta, out / "designed.toml")
         try:
             solids = cast(planned, problem.layout, theta, out / "casting")

@@ -239,7 +239,6 @@ class LookSettings(Settings):
     """
 
     edges: dict[str, PositiveLength] = {}
-
     starts: Annotated[Integer, Ge(0)] = 0
     followed: PositiveInteger = 1
     seed: Annotated[Integer, Ge(0)] = 0

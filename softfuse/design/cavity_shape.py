@@ -37,6 +37,10 @@ class CavityShape(eqx.Module):
         """Half-sizes (3,) [m] along its own axes."""
         return values[3:6]
 
+    def grown(self, values: Float[Array, " v"], more: Float[Array, ""]) -> Float[Array, " v"]:
+        """The values (v,) of a cavity whose half-sizes are `more` m larger."""
+        return values.at[3:6].add(more)
+
     def points(
         self, values: Float[Array, " v"], directions: Float[Array | np.ndarray, "m 3"]
     ) -> Float[Array, "m 3"]:

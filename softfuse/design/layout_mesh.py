@@ -57,9 +57,8 @@ _STRETCH = 2.0
 _WORN = 0.5
 """Part of the mesh's least quality when it was made below which a new one is due."""
 
-
-_DIRECTIONS = 100
-"""Cells along an edge of the cube whose directions measure a cavity's volume."""
+_BOX_DIRECTIONS, _DIRECTIONS = 20, 100
+"""Cells along an edge of the cube whose directions measure a cavity's volume, for its box and its mesh."""
 
 _GROWTHS = 2
 """Times that cavities are grown."""
@@ -107,7 +106,7 @@ class LayoutMesh(eqx.Module):
         """Rest positions (n, 3) m of all nodes with parameters (p,); differentiable in both modes."""
         layout = self.layout
         parts = zip(layout.shapes, layout.values(theta), self.directions, self.grown, strict=True)
-        points = [shape.points(values.at[3:6].add(more), along) for shape, values, along, more in parts]
+        points = [shape.points(shape.grown(values, more), along) for shape, values, along, more in parts]
         surface = jnp.concatenate([jnp.zeros((0, 3)), *points])
         chord = jnp.mean(surface[self.ends], axis=1)
         placed = chord + self.curving[:, None] * (surface - chord)
@@ -205,7 +204,6 @@ def _made(
 
 def _boxes(layout: AbstractLayout, theta: Float[Array, " p"]) -> Float[np.ndarray, "k 2 3"]:
     """Lowest and highest corners (k, 2, 3) m of boxes of the cavities' volumes."""
-    directions, faces = cube_sphere(20)
     boxes = np.empty((len(layout.shapes), 2, 3))
     for box, shape, values in zip(boxes, layout.shapes, layout.values(theta), strict=True):
         half = np.asarray(shape.half_sizes(values))
@@ -215,10 +213,16 @@ def _boxes(layout: AbstractLayout, theta: Float[Array, " p"]) -> Float[np.ndarra
                 f"half-sizes {(1e3 * half).round(3).tolist()} mm does not exist: make it larger, or its "
                 "fillets smaller"
             )
-        volume = enclosed_volume(np.asarray(shape.points(values, directions)), faces)
+        volume = _volume(shape, values, _BOX_DIRECTIONS)
         half = half * np.cbrt(volume / (8.0 * half.prod()))
         box[:] = np.asarray(shape.centre(values)) + np.stack([-half, half])
     return boxes
+
+
+def _volume(shape: CavityShape, values: Float[Array, " v"], cells: int) -> float:
+    """Volume in m³ of a cavity, by its points along the directions of so many cells."""
+    directions, faces = cube_sphere(cells)
+    return enclosed_volume(np.asarray(shape.points(values, directions)), faces)
 
 
 def _aligned(boxes: Float[np.ndarray, "k 2 3"], apart: float) -> Float[np.ndarray, "k 2 3"]:
@@ -293,11 +297,8 @@ def _straightened(made: LayoutMesh, theta: Float[Array, " p"]) -> LayoutMesh:
 
 def _of_volume(made: LayoutMesh, theta: Float[Array, " p"]) -> LayoutMesh:
     """With cavities grown until they have their volumes, to first order in what is missing."""
-    directions, faces = cube_sphere(_DIRECTIONS)
-    wanted = [
-        enclosed_volume(np.asarray(points), faces)
-        for points in made.layout.points(theta, [directions] * len(made.walls))
-    ]
+    parts = zip(made.layout.shapes, made.layout.values(theta), strict=True)
+    wanted = [_volume(shape, values, _DIRECTIONS) for shape, values in parts]
 
     def volumes(grown: Float[Array, " k"]) -> Float[Array, " k"]:
         rest = replace(made, grown=grown).rest(theta)
