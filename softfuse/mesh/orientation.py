@@ -9,10 +9,10 @@ overlap: such a mesh is folded, and exchanging nodes would only hide it.
 import logging
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from softfuse.errors import MeshError
-from softfuse.mesh.tetmesh import FACES, TetMesh, edge_lengths, tet_mesh, volumes
+from softfuse.mesh.tetmesh import FACES, TetMesh, edge_lengths, nodal_jacobians, tet_mesh, volumes
 
 log = logging.getLogger(__name__)
 
@@ -138,32 +138,14 @@ def _cyclic(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
 def _check_curved(mesh: TetMesh) -> None:
     if mesh.order == 1:
         return
-    lowest = np.full(len(mesh.tets), np.inf)
-    for gradient in _nodal_gradients():
-        jacobian = np.einsum("mai,aj->mij", mesh.nodes[mesh.tets], gradient)
-        lowest = np.minimum(lowest, np.linalg.det(jacobian) / 6.0)
+    lowest = nodal_jacobians(mesh).min(axis=1)
     bad = lowest <= 0.0
     if bad.any():
         tet = int(np.argmax(bad))
         raise MeshError(
-            f"curved tet {tet} is inverted at one of its nodes (Jacobian {6.0 * lowest[tet]:.3g} m³): "
+            f"curved tet {tet} is inverted at one of its nodes (Jacobian {lowest[tet]:.3g} m³): "
             "straighten its edges or remesh finer"
         )
-
-
-def _nodal_gradients() -> Float[np.ndarray, "10 10 3"]:
-    """Derivatives of the ten shape functions by (ξ, η, ζ), at the ten nodes."""
-    corners = np.vstack([np.zeros(3), np.eye(3)])
-    pairs = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
-    points = np.vstack([corners, [(corners[a] + corners[b]) / 2 for a, b in pairs]])
-    slope = np.vstack([-np.ones(3), np.eye(3)])
-    result = []
-    for point in points:
-        value = np.concatenate([[1.0 - point.sum()], point])
-        own = (4.0 * value[:, None] - 1.0) * slope
-        mixed = [4.0 * (value[a] * slope[b] + value[b] * slope[a]) for a, b in pairs]
-        result.append(np.vstack([own, mixed]))
-    return np.array(result)
 
 
 def _corners_first(mesh: TetMesh) -> TetMesh:

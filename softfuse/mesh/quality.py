@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.mesh.surface import cavities, enclosed_volume
-from softfuse.mesh.tetmesh import EDGES, TetMesh, edge_lengths, volumes
+from softfuse.mesh.tetmesh import EDGES, TetMesh, edge_lengths, nodal_jacobians, volumes
 
 _OPPOSITE = np.array([[2, 3], [0, 3], [1, 3], [1, 2], [0, 2], [0, 1]])
 """The corners that are not on an edge, in the order of EDGES."""
@@ -80,15 +80,7 @@ def curved_mean_ratios(mesh: TetMesh) -> Float[np.ndarray, " m"]:
     det ∂x/∂ξ / 6 at its nodes, where it is the volume of a straight tetrahedron everywhere: η = sign(V)
     12 (3 |V|)^(2/3) / Σ l² with the straight edges l; 0 or less where the tetrahedron is turned inside out.
     """
-    corners, middles = np.eye(4), 0.5 * np.eye(4)[EDGES].sum(axis=1)
-    least = np.full(len(mesh.tets), np.inf)
-    for place in np.concatenate([corners, middles]):
-        slopes = np.zeros((10, 4))
-        slopes[np.arange(4), np.arange(4)] = 4.0 * place - 1.0
-        for k, (a, b) in enumerate(EDGES):
-            slopes[4 + k, a], slopes[4 + k, b] = 4.0 * place[b], 4.0 * place[a]
-        jacobian = np.einsum("mai,ad->mid", mesh.nodes[mesh.tets], slopes[:, 1:] - slopes[:, :1])
-        least = np.minimum(least, np.linalg.det(jacobian) / 6.0)
+    least = nodal_jacobians(mesh).min(axis=1) / 6.0
     return 12.0 * np.sign(least) * np.cbrt(3.0 * np.abs(least)) ** 2 / (edge_lengths(mesh) ** 2).sum(axis=1)
 
 

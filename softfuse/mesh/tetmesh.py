@@ -62,6 +62,20 @@ def volumes(mesh: TetMesh) -> Float[np.ndarray, " m"]:
     return np.einsum("mi,mi->m", b - a, np.cross(c - a, d - a)) / 6.0
 
 
+def nodal_jacobians(mesh: TetMesh) -> Float[np.ndarray, "m 10"]:
+    """Determinants (m, 10) in m³ of ∂x/∂ξ at the nodes of quadratic tetrahedra; 6 V with straight edges."""
+    result = np.empty((len(mesh.tets), 10))
+    for k, place in enumerate(np.concatenate([np.eye(4), np.eye(4)[EDGES].mean(axis=1)])):
+        slopes = np.empty((10, 4))
+        slopes[:4] = np.diag(4.0 * place - 1.0)
+        slopes[4:] = 4.0 * (
+            place[EDGES[:, 1:]] * np.eye(4)[EDGES[:, 0]] + place[EDGES[:, :1]] * np.eye(4)[EDGES[:, 1]]
+        )
+        jacobian = np.einsum("mai,ad->mid", mesh.nodes[mesh.tets], slopes[:, 1:] - slopes[:, :1])
+        result[:, k] = np.linalg.det(jacobian)
+    return result
+
+
 def edge_lengths(mesh: TetMesh) -> Float[np.ndarray, "m 6"]:
     """Lengths (m, 6) in m of the straight edges of every tetrahedron, in the order of EDGES."""
     ends = mesh.nodes[mesh.tets[:, EDGES]]

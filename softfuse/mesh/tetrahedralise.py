@@ -2,8 +2,9 @@
 
 fTetWild meshes the bounding box so that the given surfaces stay within an envelope of their place, and keeps
 the tetrahedra whose winding number is above 1/2: cavities, wound the other way, stay empty. Outlines of stiff
-inserts are given to it together with the body's, so that faces of the mesh lie on them. Its result differs
-slightly from run to run: write the mesh to a file where it has to be the same again.
+inserts are given to it together with the body's, so that faces of the mesh lie near them. Then the nodes are
+brought onto the surfaces, see `conforming`. The result differs slightly from run to run: write the mesh to a
+file where it has to be the same again.
 
 Source: Y. Hu, T. Schneider, B. Wang, D. Zorin, D. Panozzo, "Fast tetrahedral meshing in the wild", ACM Trans.
 Graph. 39(4), 2020, DOI 10.1145/3386569.3392385.
@@ -17,21 +18,26 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from softfuse.errors import MeshError
+from softfuse.mesh.conforming import conforming
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.shell import Shell, shell_area, shell_parts
 from softfuse.mesh.surface import boundary_components, enclosed_volume, winding_number
 from softfuse.mesh.tetmesh import TetMesh, tet_mesh, volumes
 
+_REACH = 2.0
+"""Envelopes within which a node is brought onto a surface."""
+
 
 def tetrahedralise(
     shell: Shell, edge_length: float, *, inserts: Sequence[Shell] = (), envelope: float = 1e-3
 ) -> TetMesh:
-    """Linear tetrahedra of the body inside a shell, with edges of edge_length m or less.
+    """Quadratic tetrahedra of the body inside a shell, with edges of edge_length m or less that follow it.
 
     inserts: shells inside the material; the tetrahedra in inserts[k] get the region k + 1, all others 0 (the
-    last one wins where inserts overlap). envelope: how far the mesh's surface may be from the shell, over the
-    diagonal of the bounding box. Raises MeshError when edge_length is out of range, or the mesh misses a
-    cavity or differs in volume by more than the envelope allows.
+    last one wins where inserts overlap). envelope: how far faces with straight edges may be from the shell,
+    over the diagonal of the bounding box; the larger, the fewer tetrahedra at fillets. Raises MeshError when
+    edge_length is out of range, or the mesh misses a cavity or differs in volume by more than the envelope
+    allows.
     """
     from pytetwild.pytetwild import tetrahedralize
 
@@ -56,7 +62,8 @@ def tetrahedralise(
         )
     mesh = oriented(tet_mesh(nodes, tets))
     _check_filled(mesh, shell, envelope * diagonal)
-    return tet_mesh(mesh.nodes, mesh.tets, region=insert_regions(mesh, inserts))
+    mesh = tet_mesh(mesh.nodes, mesh.tets, region=insert_regions(mesh, inserts))
+    return conforming(mesh, shell, inserts, _REACH * envelope * diagonal)
 
 
 def insert_regions(mesh: TetMesh, inserts: Sequence[Shell]) -> Int[np.ndarray, " m"]:
