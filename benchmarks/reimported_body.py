@@ -5,11 +5,12 @@
 
 PLAN is a design task and DIR the folder of its run (`softfuse design PLAN --out DIR`). DIR/casting/body.stl
 is filled with tetrahedra of edges of so many mm (8) by fTetWild, which knows nothing of the layout and stays
-within so large a part of its diagonal (0.0025) of the surface. The body is pressed at each Nth (5) of the
-plan's places, as is the device of DIR/designed.toml on its own mesh and on one with edges so many times
-shorter (2). Printed: volumes of the cavities, the norm of the readings per newton, mean and coefficient of
-variation, and by how much the norms, and the readings of single cavities, of the first differ from the
-others', in parts of the mean norm.
+within so large a part of its diagonal (0.0025) of the surface before its nodes are brought onto that. The
+body is pressed at each Nth (5) of the plan's places, as is the device of DIR/designed.toml on its own mesh
+and on one with edges so many times shorter (2; a mesh in a file is cut into edges half as long). Printed:
+volumes of the cavities, the norm of the readings per newton, mean and coefficient of variation, and by how
+much the norms, and the readings of single cavities, of the first differ from the others', in parts of the
+mean norm.
 """
 
 import argparse
@@ -23,15 +24,25 @@ from softfuse.config import DeviceConfig, load
 from softfuse.config.body import SurfaceSource
 from softfuse.config.build_design import build_places, finer_config
 from softfuse.config.build_device import build_device
-from softfuse.config.build_mesh import build_mesh
+from softfuse.config.build_mesh import DeviceMesh, build_mesh, device_mesh
 from softfuse.config.design_plan import DesignPlan, load_design
 from softfuse.estimation.rest_response import rest_response
 from softfuse.functional.cavity import Cavity
+from softfuse.mesh.orientation import oriented
+from softfuse.mesh.subdivision import refined
+from softfuse.mesh.surface import cavities
 
 
-def by_force(plan: DesignPlan, config: DeviceConfig, every: int, name: str) -> np.ndarray:
+def finer_mesh(config: DeviceConfig, finer: float) -> DeviceMesh:
+    """A designed device's mesh with edges so many times shorter, half as long where it comes from a file."""
+    if config.body.source.edges:
+        return build_mesh(finer_config(config, finer))
+    fine = oriented(refined(build_mesh(config).mesh))
+    return device_mesh(config, fine, cavities(fine, np.array([each.centre for each in config.cavities])))
+
+
+def by_force(plan: DesignPlan, config: DeviceConfig, mesh: DeviceMesh, every: int, name: str) -> np.ndarray:
     """Readings per newton (s, k) in SI at each so manyth of a plan's places, and a line of them."""
-    mesh = build_mesh(config)
     device = build_device(config, mesh)
     places, _ = build_places(plan, config)
     found = np.asarray(rest_response(device, places[::every]).by_force)
@@ -67,13 +78,11 @@ def main() -> None:
         },
         context={"folder": given.dir, "path": given.dir / "designed.toml"},
     )
-    body = designed.body.model_copy(update={"source": source})
-    surface = by_force(plan, designed.model_copy(update={"body": body}), given.every, "surface")
-    meshes = {"designed": designed}
-    if designed.body.source.edges:  # a mesh in a file is as fine as it is
-        meshes[f"{given.finer:g} times finer"] = finer_config(designed, given.finer)
-    for name, config in meshes.items():
-        own = by_force(plan, config, given.every, name)
+    filled = designed.model_copy(update={"body": designed.body.model_copy(update={"source": source})})
+    surface = by_force(plan, filled, build_mesh(filled), given.every, "surface")
+    meshes = {"designed": build_mesh(designed), "finer": finer_mesh(designed, given.finer)}
+    for name, mesh in meshes.items():
+        own = by_force(plan, designed, mesh, given.every, name)
         mean = np.linalg.norm(own, axis=1).mean()
         norms = np.abs(np.linalg.norm(surface, axis=1) - np.linalg.norm(own, axis=1)) / mean
         each = np.abs(surface - own) / mean

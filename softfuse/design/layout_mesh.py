@@ -36,8 +36,9 @@ from softfuse.functional.cavity import Cavity
 from softfuse.mesh.block import block_mesh
 from softfuse.mesh.morph import harmonic_extension
 from softfuse.mesh.quality import curved_mean_ratios
+from softfuse.mesh.subdivision import subdivided
 from softfuse.mesh.surface import Surface, cavities, enclosed_volume, outer_surface
-from softfuse.mesh.tetmesh import TetMesh, quadratic, subdivided, tet_mesh
+from softfuse.mesh.tetmesh import TetMesh, quadratic, tet_mesh
 
 _ONE_PLANE = 0.3
 """Distance over base_size up to which faces of boxes that look the same way share a plane."""

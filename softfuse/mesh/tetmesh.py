@@ -94,21 +94,6 @@ def quadratic(mesh: TetMesh) -> TetMesh:
     return tet_mesh(np.vstack([mesh.nodes, middle]), tets, region=mesh.region)
 
 
-def subdivided(mesh: TetMesh) -> TetMesh:
-    """Linear tetrahedra (24 m) through the nodes of a quadratic mesh: three meshes of 8 m, one on the other.
-
-    Each tetrahedron's corners are cut off, and the octahedron that is left is cut along each of its three
-    diagonals, so that none is favoured and what is symmetric stays so.
-    """
-    corners = [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3]]
-    rounds = {(4, 9): (5, 6, 7, 8), (5, 7): (4, 8, 9, 6), (6, 8): (4, 5, 9, 7)}
-    local = 3 * corners + [
-        [*diagonal, around[k], around[(k + 1) % 4]] for diagonal, around in rounds.items() for k in range(4)
-    ]
-    tets = mesh.tets[:, np.array(local)].reshape(-1, 4)
-    return tet_mesh(mesh.nodes, tets, region=np.repeat(mesh.region, len(local)))
-
-
 def linear(mesh: TetMesh) -> TetMesh:
     """The mesh of the corners alone; curved edges become straight."""
     if mesh.order == 1:

@@ -17,7 +17,7 @@ from softfuse.mesh.orientation import check
 from softfuse.mesh.pad import PadGeometry, finer_to_the_top
 from softfuse.mesh.quality import curved_mean_ratios, mean_ratios
 from softfuse.mesh.surface import outer_surface
-from softfuse.mesh.tetmesh import TetMesh, quadratic, subdivided, tet_mesh, volumes
+from softfuse.mesh.tetmesh import TetMesh, quadratic, tet_mesh
 
 
 def volume(made, theta, k: int = 0) -> float:
@@ -119,13 +119,6 @@ def test_what_cannot_be_meshed_is_told(twins, fineness) -> None:
 
 def _one() -> TetMesh:
     return tet_mesh([[0.0, 0, 0], [1, 0, 0], [0.2, 1, 0], [0, 0.1, 0.7]], [[0, 1, 2, 3]])
-
-
-def test_a_subdivided_tetrahedron_is_three_times_eight_of_equal_volume() -> None:
-    mesh = _one()
-    np.testing.assert_allclose(
-        volumes(subdivided(quadratic(mesh))), np.full(24, volumes(mesh) / 8), rtol=1e-12
-    )
 
 
 def test_curved_tetrahedra_are_judged_by_their_smallest_jacobian() -> None:
