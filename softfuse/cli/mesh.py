@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
+import jax.numpy as jnp
 import typer
 from rich.markup import escape
 from rich.table import Table
@@ -10,9 +11,10 @@ from rich.table import Table
 from softfuse.cli.terminal import Quiet, busy, stdout
 from softfuse.config import load
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
+from softfuse.functional.cavity import Cavity
 from softfuse.mesh.files import write_mesh
 from softfuse.mesh.quality import MeshQuality, Spread, mesh_quality
-from softfuse.mesh.surface import enclosed_volume
+from softfuse.mesh.surface import Surface, boundary_faces
 
 
 def mesh(
@@ -37,11 +39,11 @@ def quality_table(name: str, cavities: list[str], device: DeviceMesh) -> Table:
     table = Table("", "least", "mean", "most", title=escape(f"Mesh of {name}"), title_justify="left")
     for column in table.columns[1:]:
         column.justify = "right"
-    for label, value in _counts(quality, int(device.fixed.sum())):
+    for label, value in _counts(quality, device):
         table.add_row(escape(label), "", value, "")
     for cavity, surface in zip(cavities, device.cavities, strict=True):
-        volume = enclosed_volume(device.mesh.nodes, surface.faces)
-        table.add_row(escape(f"volume of cavity {cavity} [mm³]"), "", f"{1e9 * volume:.1f}", "")
+        label = f"volume of cavity {cavity} [mm³]"
+        table.add_row(escape(label), "", f"{1e9 * _within(surface, device):.1f}", "")
     for label, spread, factor in (
         ("edges [mm]", quality.edge_length, 1e3),
         ("volume of a tetrahedron [mm³]", quality.tet_volume, 1e9),
@@ -52,15 +54,20 @@ def quality_table(name: str, cavities: list[str], device: DeviceMesh) -> Table:
     return table
 
 
-def _counts(quality: MeshQuality, fixed: int) -> list[tuple[str, str]]:
+def _within(surface: Surface, device: DeviceMesh) -> float:
+    """Volume in m³ that a surface encloses, its edges as curved as they are."""
+    return float(Cavity(jnp.asarray(surface.faces))(jnp.asarray(device.mesh.nodes)))
+
+
+def _counts(quality: MeshQuality, device: DeviceMesh) -> list[tuple[str, str]]:
     kind = "quadratic" if quality.order == 2 else "linear"
     return [
         (f"{kind} tetrahedra", f"{quality.n_tets}"),
         ("nodes", f"{quality.n_nodes}"),
         ("corner nodes", f"{quality.n_corners}"),
-        ("held nodes", f"{fixed}"),
+        ("held nodes", f"{device.fixed.sum()}"),
         ("materials", f"{len(quality.regions)}"),
-        ("volume of the material [mm³]", f"{1e9 * quality.volume:.1f}"),
+        ("volume of the material [mm³]", f"{1e9 * _within(boundary_faces(device.mesh), device):.1f}"),
     ]
 
 

@@ -166,8 +166,8 @@ class SurfaceSource(BodySource):
     """A closed surface (STL, OBJ, PLY, OFF) filled with tetrahedra; closed surfaces inside it are cavities.
 
     unit: the file's unit of length; edge_length: of the tetrahedra, m; inserts: closed surfaces in the same
-    unit, each a region of its own; envelope: how far the mesh may be from the surface, as a fraction of the
-    body's diagonal.
+    unit, each a region of its own; envelope: how far straight edges may be from the surface, as a fraction of
+    the body's diagonal.
     """
 
     edges: ClassVar[tuple[str, ...]] = ("edge_length",)

@@ -1,14 +1,21 @@
 """softfuse mesh."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
+from rich.console import Console
 
+from softfuse.cli.mesh import quality_table
 from softfuse.config import load
-from softfuse.config.build_mesh import build_mesh
+from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.mesh.files import read_mesh
+from softfuse.mesh.shell import checked
+from softfuse.mesh.surface import cavities
+from softfuse.mesh.tetrahedralise import tetrahedralise
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PAD, FINGER = CONFIGS / "pad.toml", CONFIGS / "finger.toml"
@@ -35,6 +42,26 @@ def test_the_report_tells_counts_and_quality(
     assert out.count("4704.0") == 4
     assert "volume of cavity (-,+) [mm³]" in out and "edges [mm]" in out and "mean ratio" in out
     assert err == ""
+
+
+def test_volumes_are_those_within_curved_walls() -> None:
+    ball, block = trimesh.creation.icosphere(3, 0.006), trimesh.creation.box((0.04, 0.03, 0.02))
+    shell = checked(
+        np.vstack([block.vertices, ball.vertices]),
+        np.vstack([block.faces, ball.faces + len(block.vertices)]),
+    )
+    mesh = tetrahedralise(shell, 0.008, envelope=5e-3)
+    device = DeviceMesh(mesh, tuple(cavities(mesh)), np.zeros(len(mesh.nodes), bool))
+    console = Console(width=120)
+    with console.capture() as shown:
+        console.print(quality_table("ball", ["hole"], device))
+
+    def told(of: str) -> float:
+        return float(re.search(rf"volume of {of} \[mm³\]\W*([\d.]+)", shown.get())[1])
+
+    # Flat triangles would miss it by 3 %.
+    assert told("cavity hole") == pytest.approx(1e9 * ball.volume, rel=5e-3)
+    assert told("the material") == pytest.approx(1e9 * (block.volume - ball.volume), rel=5e-4)
 
 
 def test_quiet_says_nothing(
