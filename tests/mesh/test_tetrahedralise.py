@@ -64,6 +64,20 @@ def test_a_rough_mesh_lies_on_its_surface_all_the_same() -> None:
     assert np.quantile(from_planes, 0.95) < 1e-9
 
 
+def test_edges_that_a_rough_mesh_cuts_off_are_made_up_for() -> None:
+    # Rounded by 0.4 mm, which is less than the envelope of 0.54 mm.
+    sphere = trimesh.creation.icosphere(2, 0.0004)
+    places = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * [0.008, 0.006, 0.002]
+    hole = trimesh.PointCloud((sphere.vertices + places[:, None]).reshape(-1, 3)).convex_hull
+    mesh = tetrahedralise(shell(BLOCK, hole), 0.008, envelope=1e-2)
+    check(mesh)
+    wall = cavities(mesh)[0].faces
+    flat = enclosed_volume(mesh.nodes, wall)
+    curved = float(Cavity(jnp.asarray(wall))(jnp.asarray(mesh.nodes)))
+    assert flat < 0.99 * hole.volume
+    assert curved == pytest.approx(hole.volume, rel=4e-3)
+
+
 def test_nodes_that_would_flatten_a_tetrahedron_stay_back() -> None:
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     one = tet_mesh(corners, [[0, 1, 2, 3]])
