@@ -16,6 +16,7 @@ contacts are looked for there.
 """
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -26,6 +27,9 @@ from softfuse.mesh.quality import curved_mean_ratios, mean_ratios
 from softfuse.mesh.shell import Shell
 from softfuse.mesh.surface import boundary_faces, cavities
 from softfuse.mesh.tetmesh import FACES6, TetMesh, quadratic, tet_mesh
+
+if TYPE_CHECKING:
+    import trimesh
 
 _KEPT = 0.3
 """Part of its mean ratio that each tetrahedron keeps, with straight edges and with curved ones."""
@@ -62,14 +66,13 @@ def conforming(mesh: TetMesh, shell: Shell, inserts: Sequence[Shell], within: fl
     outer = np.unique(boundary_faces(straight).faces)
     between = np.setdiff1d(_interface_nodes(straight), outer)
     way = np.zeros_like(straight.nodes)
-    for nodes, outlines in ((outer, [shell]), (between, inserts)):
-        if len(nodes) and len(outlines):
-            way[nodes] = _ways(straight.nodes[nodes], outlines, within)
+    skin = _triangles([shell])
+    for nodes, triangles in ((outer, skin), (between, _triangles(inserts))):
+        if len(nodes) and triangles:
+            way[nodes] = _ways(straight.nodes[nodes], triangles, within)
     found = _moved(straight, way, least)
     for _ in range(_ROUNDS if walls else 0):
-        found = _moved(
-            found, _missing(found, np.vstack([wall.faces for wall in walls]), shell, within), least
-        )
+        found = _moved(found, _missing(found, np.vstack([wall.faces for wall in walls]), skin, within), least)
     return found
 
 
@@ -82,13 +85,19 @@ def _interface_nodes(mesh: TetMesh) -> Int[np.ndarray, " i"]:
     return np.unique(faces[1:][same & (region[1:] != region[:-1])])
 
 
-def _ways(
-    points: Float[np.ndarray, "p 3"], outlines: Sequence[Shell], within: float
-) -> Float[np.ndarray, "p 3"]:
+def _triangles(outlines: Sequence[Shell]) -> "list[trimesh.Trimesh]":
     import trimesh
 
-    parts = [trimesh.Trimesh(outline.nodes, outline.faces, process=False) for outline in outlines]
-    found = [trimesh.proximity.closest_point(part, points)[:2] for part in parts]
+    # They keep the tree in which the nearest triangle is looked for.
+    return [trimesh.Trimesh(outline.nodes, outline.faces, process=False) for outline in outlines]
+
+
+def _ways(
+    points: Float[np.ndarray, "p 3"], triangles: "Sequence[trimesh.Trimesh]", within: float
+) -> Float[np.ndarray, "p 3"]:
+    from trimesh.proximity import closest_point
+
+    found = [closest_point(part, points)[:2] for part in triangles]
     places, distances = (np.array(each) for each in zip(*found, strict=True))
     nearest, every = np.argmin(distances, axis=0), np.arange(len(points))
     near = distances[nearest, every] <= within
@@ -96,12 +105,12 @@ def _ways(
 
 
 def _missing(
-    mesh: TetMesh, faces: Int[np.ndarray, "f 6"], shell: Shell, within: float
+    mesh: TetMesh, faces: Int[np.ndarray, "f 6"], triangles: "Sequence[trimesh.Trimesh]", within: float
 ) -> Float[np.ndarray, "n 3"]:
     a, b, c = (mesh.nodes[faces[:, k]] for k in range(3))
     weight = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     points = np.einsum("qa,fai->fqi", _SHAPE, mesh.nodes[faces])
-    ways = _ways(points.reshape(-1, 3), [shell], within).reshape(points.shape)
+    ways = _ways(points.reshape(-1, 3), triangles, within).reshape(points.shape)
     used, place = np.unique(faces, return_inverse=True)
     place = place.reshape(faces.shape)
     rows, columns = np.broadcast_arrays(place[:, :, None], place[:, None, :])
