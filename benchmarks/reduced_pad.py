@@ -35,7 +35,7 @@ from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_estimator import MOST_TRUNCATION, ReducedEstimator
 from softfuse.estimation.step import Observation
 from softfuse.hardware.recording import read_recording
-from softfuse.reduction.cells import Cells
+from softfuse.rom.cells import Cells
 
 APART_M, PER_FRAME_M, PATH = 2e-3, 1e-4, 10_000
 RECORDING = Path(__file__).parents[1] / "tests" / "data" / "pad_nominal_two_presses.csv.gz"

@@ -28,7 +28,7 @@ from softfuse.config.build_sensors import build_sensors
 from softfuse.config.build_tracker import build_senses
 from softfuse.config.build_virtual_pad import pad_plan
 from softfuse.config.device import DeviceConfig
-from softfuse.equilibrium.sparse import SparseLU
+from softfuse.mechanics.sparse import SparseLU
 from softfuse.estimation.compiled_senses import CompiledSenses
 from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.pad_electrodes import LineElectrodes

@@ -24,10 +24,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body import LINEAR, Body
-from softfuse.equilibrium import RESULTS, Loads, Newton, State, solve
-from softfuse.equilibrium.cable import PulledCable, ShortenedCable
-from softfuse.equilibrium.dense import Dense
-from softfuse.equilibrium.patch import PatchContact
+from softfuse.mechanics import RESULTS, Loads, Newton, State, solve
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.patch import PatchContact
 from softfuse.estimation.device import Device
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation, exact_steps

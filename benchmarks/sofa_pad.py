@@ -21,8 +21,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from softfuse.body import LINEAR, Body
-from softfuse.equilibrium import LinearPorts, Multifrontal, PrescribedForce
-from softfuse.equilibrium.load import AbstractContact
+from softfuse.mechanics import LinearPorts, Multifrontal, PrescribedForce
+from softfuse.mechanics.load import AbstractContact
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.limits import Limits

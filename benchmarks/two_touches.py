@@ -34,10 +34,10 @@ from softfuse.config.build_tracker import build_tracker
 from softfuse.config.build_virtual_pad import PadPlan
 from softfuse.config.contact import DiscSettings
 from softfuse.config.file import Edits
-from softfuse.equilibrium.load import Loads
-from softfuse.equilibrium.multifrontal import Multifrontal
-from softfuse.equilibrium.newton import Newton, solve
-from softfuse.equilibrium.solution import RESULTS, State
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.newton import Newton, solve
+from softfuse.mechanics.solution import RESULTS, State
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.experiment.accuracy import NINETY
 from softfuse.experiment.channel_electronics import Readout

@@ -19,10 +19,10 @@ import pytest
 from softfuse.body import LINEAR, TAYLOR_HOOD, Body, mesh_for
 from softfuse.body.element import Element
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
-from softfuse.equilibrium.dense import Dense
-from softfuse.equilibrium.linear_solver import AbstractLinearSolver
-from softfuse.equilibrium.multifrontal import Multifrontal
-from softfuse.equilibrium.punch import PunchContact
+from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.linear_solver import AbstractLinearSolver
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.punch import PunchContact
 from softfuse.estimation.device import Device
 from softfuse.experiment.mutual_field import Thing
 from softfuse.experiment.mutual_figures import image_of

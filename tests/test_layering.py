@@ -1,6 +1,6 @@
 """The data flow of the design as import arrows, and the house rules that can be read off the source.
 
-    mesh < material < body < functional < equilibrium < reduction < sensing < estimation < fusion
+    mesh < material < body < functional < mechanics < rom < sensing < estimation < fusion
          < calibration, design, experiment
 
 A stage imports from the left only; hardware from sensing, estimation and their left; config from all
@@ -20,7 +20,7 @@ PACKAGE = ROOT / "softfuse"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 LINE = (
-    *("mesh", "material", "body", "functional", "equilibrium", "reduction", "sensing", "estimation"),
+    *("mesh", "material", "body", "functional", "mechanics", "rom", "sensing", "estimation"),
     "fusion",
 )
 ENDS = ("calibration", "design", "experiment")

@@ -11,8 +11,8 @@ from softfuse.estimation.batch import batched
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation, exact_steps
-from softfuse.reduction.cells import Cells
-from softfuse.reduction.rest_stiffness import rest_stiffness
+from softfuse.rom.cells import Cells
+from softfuse.rom.rest_stiffness import rest_stiffness
 
 NODES = 2115
 AT_ONCE = {"reduced": 64, "full": 4}

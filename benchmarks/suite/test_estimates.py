@@ -20,7 +20,7 @@ from softfuse.estimation.device import simulate
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation, exact_steps
-from softfuse.reduction.rest_stiffness import rest_stiffness
+from softfuse.rom.rest_stiffness import rest_stiffness
 
 FRAMES = 200
 LARGEST = max(MESHES)

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from softfuse.body.body import Body
 from softfuse.body.stiffness_field import TERMS, with_field
-from softfuse.equilibrium.punch import PunchContact
+from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device, with_body
 from softfuse.material.base import AbstractMaterial, constant

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from softfuse.calibration.adjustment import AbstractAdjustment, Measure
-from softfuse.equilibrium.cable import ShortenedCable
-from softfuse.equilibrium.gas import SealedGas
+from softfuse.mechanics.cable import ShortenedCable
+from softfuse.mechanics.gas import SealedGas
 from softfuse.estimation.device import Device, with_attached
 
 _TYPICAL_STRAIN = 1e-3

@@ -7,7 +7,7 @@ import numpy as np
 
 from softfuse.cli.trial import AbstractTrial, Asked
 from softfuse.config.build_device import with_contact_model
-from softfuse.equilibrium.punch import PunchContact
+from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
 

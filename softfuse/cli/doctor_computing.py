@@ -49,9 +49,9 @@ def check_solvers() -> list[Finding]:
     import jax
 
     from softfuse.body import QUADRATIC, TAYLOR_HOOD, Body, Element, mesh_for
-    from softfuse.equilibrium.linear_solver import AbstractLinearSolver
-    from softfuse.equilibrium.multifrontal import Multifrontal
-    from softfuse.equilibrium.sparse import SparseCholesky, SparseLU
+    from softfuse.mechanics.linear_solver import AbstractLinearSolver
+    from softfuse.mechanics.multifrontal import Multifrontal
+    from softfuse.mechanics.sparse import SparseCholesky, SparseLU
     from softfuse.material import NeoHookean
     from softfuse.mesh.kuhn import kuhn_grid
     from softfuse.mesh.orientation import oriented

@@ -10,8 +10,8 @@ from softfuse.cli.study import known
 from softfuse.cli.trial import AbstractTrial, Asked
 from softfuse.config.build_watched import build_watched
 from softfuse.config.quantity import FORCE, LENGTH
-from softfuse.equilibrium.cable import PulledCable, ShortenedCable
-from softfuse.equilibrium.load import AbstractLoad
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.load import AbstractLoad
 from softfuse.errors import SoftfuseError
 
 

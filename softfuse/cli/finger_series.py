@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from softfuse.cli.finger_truth import FingerTruth
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.solution import State
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.contact_accuracy import NOWHERE, ContactSamples
 from softfuse.experiment.posture import Posture

@@ -13,7 +13,7 @@ from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 from softfuse.estimation.tracked import Tracked
 from softfuse.estimation.tracker import Tracker

@@ -12,7 +12,7 @@ from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
 from softfuse.config.build_watched import build_watched
 from softfuse.config.contact import DiscSettings, PatchSettings
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.contact_accuracy import NOWHERE

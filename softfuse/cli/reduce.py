@@ -13,7 +13,7 @@ from softfuse.config.build_reduction import Teacher, build_regions, reduction_ma
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.atlas import AtlasFolder
 from softfuse.estimation.reduced_device import reduced_device
-from softfuse.reduction.rest_stiffness import rest_stiffness
+from softfuse.rom.rest_stiffness import rest_stiffness
 
 
 def reduce(

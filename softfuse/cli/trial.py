@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 
 

@@ -22,8 +22,8 @@ from softfuse.config.quantity import (
     wrong_value,
 )
 from softfuse.config.settings import Direction, NotEmpty, Settings, Vector, listed
-from softfuse.equilibrium.cable import PulledCable
-from softfuse.equilibrium.gas import SealedGas
+from softfuse.mechanics.cable import PulledCable
+from softfuse.mechanics.gas import SealedGas
 from softfuse.functional.cavity import Cavity
 
 

@@ -13,10 +13,10 @@ from softfuse.config.build_material import build_materials
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.contact import PatchSettings, PunchSettings, UniformSettings
 from softfuse.config.device import DeviceConfig
-from softfuse.equilibrium.load import Loads
-from softfuse.equilibrium.multifrontal import Multifrontal
-from softfuse.equilibrium.patch import PatchContact
-from softfuse.equilibrium.punch import PunchContact
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import StepSettings

@@ -13,18 +13,18 @@ from softfuse.config.build_device import build_limits
 from softfuse.config.contact import DiscSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.config.digest import digest
-from softfuse.equilibrium.punch import PunchContact
-from softfuse.equilibrium.solution import RESULTS
+from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.solution import RESULTS
 from softfuse.errors import ConfigError, SolveError
 from softfuse.estimation.atlas import Atlas, AtlasFolder
 from softfuse.estimation.device import Device, simulate
-from softfuse.reduction.cells import AbstractRegions, Cells, Electrodes
-from softfuse.reduction.chart import Chart
-from softfuse.reduction.load_paths import LoadPath, presses, pushes
-from softfuse.reduction.reach import places_over
-from softfuse.reduction.rest_stiffness import RestStiffness
-from softfuse.reduction.snapshots import LoadsAt
-from softfuse.reduction.teaching import ChartSettings, teach
+from softfuse.rom.cells import AbstractRegions, Cells, Electrodes
+from softfuse.rom.chart import Chart
+from softfuse.rom.load_paths import LoadPath, presses, pushes
+from softfuse.rom.reach import places_over
+from softfuse.rom.rest_stiffness import RestStiffness
+from softfuse.rom.snapshots import LoadsAt
+from softfuse.rom.teaching import ChartSettings, teach
 
 _REVISION = 6
 """To be raised when other charts come of the same settings."""

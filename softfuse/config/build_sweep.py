@@ -19,7 +19,7 @@ from softfuse.config.sweep_plan import (
     RandomPlaces,
     SweepPlan,
 )
-from softfuse.equilibrium.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.experiment.sweep import Series

@@ -19,9 +19,9 @@ from softfuse.config.quantity import (
     wrong_value,
 )
 from softfuse.config.settings import Direction, Range, Settings
-from softfuse.equilibrium.load import AbstractContact
-from softfuse.equilibrium.patch import PatchContact
-from softfuse.equilibrium.punch import PunchContact
+from softfuse.mechanics.load import AbstractContact
+from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.punch import PunchContact
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import PressureCells, flat_punch, uniform
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 from softfuse.body.body import Body
 from softfuse.design.facing import Facing
 from softfuse.design.straining import largest_stretch
-from softfuse.equilibrium.solution import RESULTS
+from softfuse.mechanics.solution import RESULTS
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.side_by_side import side_by_side

@@ -8,8 +8,8 @@ import numpy as np
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
 from softfuse.estimation.kept_device import Kept, Sizes, kept_sizes, read_device, write_device
-from softfuse.reduction.basis import Basis
-from softfuse.reduction.cells import AbstractRegions
+from softfuse.rom.basis import Basis
+from softfuse.rom.cells import AbstractRegions
 
 
 @dataclass(frozen=True)

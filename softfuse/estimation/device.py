@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
-from softfuse.equilibrium.gas import SealedGas
-from softfuse.equilibrium.linear_solver import AbstractLinearSolver
-from softfuse.equilibrium.load import AbstractContact, AbstractLoad, Loads
-from softfuse.equilibrium.newton import Newton, solve
-from softfuse.equilibrium.solution import Solution, State
+from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.linear_solver import AbstractLinearSolver
+from softfuse.mechanics.load import AbstractContact, AbstractLoad, Loads
+from softfuse.mechanics.newton import Newton, solve
+from softfuse.mechanics.solution import Solution, State
 from softfuse.functional.base import AbstractFunctional
 
 _Load = TypeVar("_Load", bound=AbstractLoad)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.live_step import LiveStep, Ready

@@ -15,26 +15,26 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.body.body import Body
-from softfuse.equilibrium.load import AbstractLoad
-from softfuse.equilibrium.patch import PatchContact
-from softfuse.equilibrium.punch import PunchContact
-from softfuse.equilibrium.volume import VolumePorts
+from softfuse.mechanics.load import AbstractLoad
+from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.volume import VolumePorts
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
 from softfuse.functional.base import AbstractFunctional
 from softfuse.functional.cavity import Cavity
-from softfuse.reduction.basis import Basis
-from softfuse.reduction.body_arrays import Arrays, body_arrays, body_of, of_nodes
-from softfuse.reduction.known_inverses import KnownInverses, ReducedDense
-from softfuse.reduction.projected_ports import (
+from softfuse.rom.basis import Basis
+from softfuse.rom.body_arrays import Arrays, body_arrays, body_of, of_nodes
+from softfuse.rom.known_inverses import KnownInverses, ReducedDense
+from softfuse.rom.projected_ports import (
     ProjectedGuides,
     ProjectedPatches,
     ProjectedVolumePorts,
     projected_discs,
 )
-from softfuse.reduction.projected_volume import ProjectedVolumes
-from softfuse.reduction.reduced_body import ReducedBody
-from softfuse.reduction.telling_unknowns import Telling, telling, telling_unknowns
+from softfuse.rom.projected_volume import ProjectedVolumes
+from softfuse.rom.reduced_body import ReducedBody
+from softfuse.rom.telling_unknowns import Telling, telling, telling_unknowns
 
 _Part = ProjectedVolumes | ProjectedGuides | ProjectedPatches | KnownInverses
 """What has nothing but arrays."""

@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from softfuse.equilibrium.linearised import loaded_tangents
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.linearised import loaded_tangents
+from softfuse.mechanics.solution import State
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device
 from softfuse.estimation.kept_programs import lowered

@@ -18,11 +18,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from softfuse.equilibrium.interface import slopes
-from softfuse.equilibrium.linear_solver import Solve
-from softfuse.equilibrium.linearised import Linearised, coupled, linearise, settled_on, stiffness_map
-from softfuse.equilibrium.load import HeldLoads
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.interface import slopes
+from softfuse.mechanics.linear_solver import Solve
+from softfuse.mechanics.linearised import Linearised, coupled, linearise, settled_on, stiffness_map
+from softfuse.mechanics.load import HeldLoads
+from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 
 _CLOSE = 0.15

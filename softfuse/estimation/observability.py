@@ -19,8 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.equilibrium.punch import PunchContact
-from softfuse.equilibrium.solution import RESULTS
+from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.solution import RESULTS
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.side_by_side import side_by_side

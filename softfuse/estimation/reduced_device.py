@@ -4,19 +4,19 @@ from dataclasses import replace
 from itertools import groupby
 
 from softfuse.body.body import Body
-from softfuse.equilibrium.load import Loads
-from softfuse.equilibrium.patch import PatchContact
-from softfuse.equilibrium.punch import PunchContact
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device
 from softfuse.functional.base import AbstractFunctional
 from softfuse.functional.cavity import Cavity
-from softfuse.reduction.chart import Chart
-from softfuse.reduction.known_inverses import KnownInverses, ReducedDense
-from softfuse.reduction.projected_ports import projected_discs, projected_load, projected_patches
-from softfuse.reduction.projected_volume import projected_volumes
-from softfuse.reduction.projection import project
-from softfuse.reduction.rest_stiffness import RestStiffness
+from softfuse.rom.chart import Chart
+from softfuse.rom.known_inverses import KnownInverses, ReducedDense
+from softfuse.rom.projected_ports import projected_discs, projected_load, projected_patches
+from softfuse.rom.projected_volume import projected_volumes
+from softfuse.rom.projection import project
+from softfuse.rom.rest_stiffness import RestStiffness
 
 
 def reduced_device(device: Device, stiffness: RestStiffness, chart: Chart) -> Device:

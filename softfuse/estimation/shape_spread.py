@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.equilibrium.newton import tangent_at
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.newton import tangent_at
+from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 from softfuse.estimation.motion import motion
 

@@ -30,10 +30,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from softfuse.equilibrium.linear_solver import Solve
-from softfuse.equilibrium.load import Loads
-from softfuse.equilibrium.newton import tangent_at
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.linear_solver import Solve
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.newton import tangent_at
+from softfuse.mechanics.solution import State
 from softfuse.estimation.bounded_qp import Rows, solve_bounded_qp
 from softfuse.estimation.device import Device
 from softfuse.estimation.limits import Limits

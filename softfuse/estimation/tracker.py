@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.solution import State
 from softfuse.estimation.atlas import Atlas
 from softfuse.estimation.compiled_senses import CompiledSenses, Finding
 from softfuse.estimation.device import Device

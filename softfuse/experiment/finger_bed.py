@@ -31,8 +31,8 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.body.body import Body
-from softfuse.equilibrium.linear_solver import AbstractLinearSolver
-from softfuse.equilibrium.multifrontal import Multifrontal
+from softfuse.mechanics.linear_solver import AbstractLinearSolver
+from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.experiment.finger_electronics import Electronics, Readings, readings
 from softfuse.experiment.finger_motion import Motion, Timing, motion
 from softfuse.experiment.finger_pushes import FingerSolver, Push, Steps, equilibria

@@ -15,12 +15,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
-from softfuse.equilibrium.linear_solver import AbstractLinearSolver
-from softfuse.equilibrium.load import Loads
-from softfuse.equilibrium.multifrontal import Multifrontal
-from softfuse.equilibrium.newton import Newton, solve
-from softfuse.equilibrium.rigid_cylinder import RigidCylinder
-from softfuse.equilibrium.solution import RESULTS, State
+from softfuse.mechanics.linear_solver import AbstractLinearSolver
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.newton import Newton, solve
+from softfuse.mechanics.rigid_cylinder import RigidCylinder
+from softfuse.mechanics.solution import RESULTS, State
 from softfuse.errors import ConfigError, SolveError
 from softfuse.experiment.virtual_finger import Side, VirtualFinger, rigid_tip, seen_from, set_against
 

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.body.body import Body
-from softfuse.equilibrium.linear_solver import AbstractLinearSolver
-from softfuse.equilibrium.multifrontal import Multifrontal
+from softfuse.mechanics.linear_solver import AbstractLinearSolver
+from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.errors import ConfigError
 from softfuse.experiment.pad_electrodes import AbstractPadElectrodes
 from softfuse.experiment.virtual_finger import Carried

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 from softfuse.functional.centreline import bending, tip_turn
 from softfuse.functional.contact import ContactSurface

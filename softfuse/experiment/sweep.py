@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.equilibrium.punch import PunchContact
-from softfuse.equilibrium.solution import State, result_name
+from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.solution import State, result_name
 from softfuse.estimation.device import Device, simulate
 
 OVERHANGS = "overhangs"

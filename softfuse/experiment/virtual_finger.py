@@ -18,9 +18,9 @@ from jaxtyping import Float, Int
 
 from softfuse.body.body import Body
 from softfuse.body.element import TAYLOR_HOOD
-from softfuse.equilibrium.cable import PulledCable, ShortenedCable
-from softfuse.equilibrium.gas import SealedGas
-from softfuse.equilibrium.rigid_cylinder import RigidCylinder
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.rigid_cylinder import RigidCylinder
 from softfuse.errors import ConfigError
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.material_points import MaterialPoints

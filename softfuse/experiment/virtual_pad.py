@@ -18,12 +18,12 @@ from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
 from softfuse.body.element import TAYLOR_HOOD
-from softfuse.equilibrium.linear_solver import AbstractLinearSolver
-from softfuse.equilibrium.load import Loads
-from softfuse.equilibrium.multifrontal import Multifrontal
-from softfuse.equilibrium.newton import Newton, solve
-from softfuse.equilibrium.punch import PunchContact
-from softfuse.equilibrium.solution import RESULTS, State
+from softfuse.mechanics.linear_solver import AbstractLinearSolver
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.newton import Newton, solve
+from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.solution import RESULTS, State
 from softfuse.errors import ConfigError, SolveError
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.contact import Contact, ContactSurface

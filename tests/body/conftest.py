@@ -1,6 +1,6 @@
 """Boxes of tetrahedra, and Newton's method on chosen unknowns by scipy's sparse LU.
 
-Nothing here comes from `softfuse.equilibrium`, so that bodies are tested on their own.
+Nothing here comes from `softfuse.mechanics`, so that bodies are tested on their own.
 """
 
 from collections.abc import Callable

@@ -12,8 +12,8 @@ from softfuse.body.element import LINEAR
 from softfuse.calibration.adjustment import Adjustments, Gains, Layer, Stiffening, Stiffness, Walls
 from softfuse.calibration.fit import Fit, fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
-from softfuse.equilibrium.multifrontal import Multifrontal
-from softfuse.equilibrium.punch import PunchContact
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
 from softfuse.functional.cavity import Cavity

@@ -11,7 +11,7 @@ from softfuse.body.stiffness_field import TERMS, with_field
 from softfuse.calibration.adjustment import Adjustments, Stiffness, StiffnessField
 from softfuse.calibration.fit import fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
-from softfuse.equilibrium.solution import RESULTS
+from softfuse.mechanics.solution import RESULTS
 from softfuse.estimation.device import Device, simulate
 
 MADE = np.array([0.05, -0.03, 0.06, 0.02, -0.04, 0.03, -0.05, 0.04, 0.02])

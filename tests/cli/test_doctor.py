@@ -18,7 +18,7 @@ from softfuse.cli.doctor_computing import check_cache, check_devices, check_solv
 from softfuse.cli.doctor_installed import check_requirements
 from softfuse.cli.finding import Finding, findings_table
 from softfuse.config.source import SoftfuseSource
-from softfuse.equilibrium.multifrontal import Multifrontal
+from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.hardware.source.listening import Heard
 from softfuse.hardware.source.serial_ports import SerialPort
 from softfuse.hardware.wire.channel import Channel, RawType

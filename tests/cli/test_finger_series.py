@@ -9,7 +9,7 @@ import pytest
 
 from softfuse.cli.finger_series import FingerSeries, finger_frame
 from softfuse.cli.finger_truth import FingerTruth, finger_truth
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.solution import State
 from softfuse.errors import RecordingError
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.contact_accuracy import NOWHERE

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from softfuse.cli.study import Peaks
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.solution import State
 
 NONE = jnp.zeros(0)
 

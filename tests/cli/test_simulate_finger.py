@@ -12,7 +12,7 @@ from softfuse.cli.trial import Asked
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
-from softfuse.equilibrium.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mesh.files import read_mesh
 
 ROOT = Path(__file__).parents[2]

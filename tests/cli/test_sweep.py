@@ -28,7 +28,7 @@ from softfuse.config.build_device import build_device
 from softfuse.config.build_sweep import build_series
 from softfuse.config.digest import digest
 from softfuse.config.sweep_plan import load_plan
-from softfuse.equilibrium.cable import ShortenedCable
+from softfuse.mechanics.cable import ShortenedCable
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import simulate
 

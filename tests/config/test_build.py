@@ -20,7 +20,7 @@ from softfuse.config.build_sensors import (
     touch_thresholds,
 )
 from softfuse.config.sensors import CapacitiveSettings, FlowSettings
-from softfuse.equilibrium.punch import PunchContact
+from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import ConfigError
 from softfuse.mesh.files import write_mesh, write_surface
 from softfuse.mesh.shell import shell_of

@@ -15,10 +15,10 @@ from softfuse.config.build_finger_sensors import build_finger_sensors, electrode
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.build_sensors import build_sensors
 from softfuse.config.sealed_sensors import ElectrodeSettings, PressureSettings
-from softfuse.equilibrium.cable import PulledCable
-from softfuse.equilibrium.gas import SealedGas
-from softfuse.equilibrium.load import Loads
-from softfuse.equilibrium.patch import PatchContact
+from softfuse.mechanics.cable import PulledCable
+from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.patch import PatchContact
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.functional.cable import length

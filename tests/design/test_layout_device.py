@@ -8,11 +8,11 @@ import pytest
 from softfuse.body import Body
 from softfuse.design.layout_device import device_at
 from softfuse.design.layout_mesh import Fineness, layout_mesh
-from softfuse.equilibrium.gas import SealedGas
-from softfuse.equilibrium.multifrontal import Multifrontal
-from softfuse.equilibrium.newton import Newton, solve
-from softfuse.equilibrium.punch import PunchContact
-from softfuse.equilibrium.solution import RESULTS, State
+from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.newton import Newton, solve
+from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.solution import RESULTS, State
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
 from softfuse.functional import Cavity

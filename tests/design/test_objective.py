@@ -30,8 +30,8 @@ from softfuse.design.objective import (
     measured,
 )
 from softfuse.design.problem import Problem
-from softfuse.equilibrium.multifrontal import Multifrontal
-from softfuse.equilibrium.punch import PunchContact
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.punch import PunchContact
 from softfuse.estimation.device import Device
 from softfuse.functional import Cavity
 from softfuse.functional.contact import Contact, ContactSurface

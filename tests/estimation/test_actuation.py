@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.equilibrium import RESULTS
-from softfuse.equilibrium.cable import PulledCable
-from softfuse.equilibrium.dense import Dense
-from softfuse.equilibrium.patch import PatchContact
+from softfuse.mechanics import RESULTS
+from softfuse.mechanics.cable import PulledCable
+from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.patch import PatchContact
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.limits import Limits, Rates, within_rates
 from softfuse.estimation.step import Observation, exact_steps, strokes

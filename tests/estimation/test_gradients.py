@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.equilibrium.cable import PulledCable, ShortenedCable
-from softfuse.equilibrium.dense import Dense
-from softfuse.equilibrium.gas import SealedGas
-from softfuse.equilibrium.patch import PatchContact
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.patch import PatchContact
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.nonlinear import nonlinear_estimate

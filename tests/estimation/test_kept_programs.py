@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.equilibrium.sparse import SparseLU
+from softfuse.mechanics.sparse import SparseLU
 from softfuse.estimation import kept_programs, live_step
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimator, StepSettings

@@ -16,8 +16,8 @@ import pytest
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_tracker
-from softfuse.equilibrium.dense import Dense
-from softfuse.equilibrium.solution import RESULTS
+from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.solution import RESULTS
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.equilibrium.newton import tangent_at
+from softfuse.mechanics.newton import tangent_at
 from softfuse.estimation.device import simulate
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.motion import motion

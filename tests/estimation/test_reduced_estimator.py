@@ -17,10 +17,10 @@ from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation
-from softfuse.reduction.cells import Cells
-from softfuse.reduction.load_paths import presses
-from softfuse.reduction.rest_stiffness import rest_stiffness
-from softfuse.reduction.teaching import ChartSettings, teach
+from softfuse.rom.cells import Cells
+from softfuse.rom.load_paths import presses
+from softfuse.rom.rest_stiffness import rest_stiffness
+from softfuse.rom.teaching import ChartSettings, teach
 
 MM = 1e-3
 CELLS = Cells.over((-16 * MM, -2 * MM), (-8 * MM, 2 * MM), 4 * MM)

@@ -12,10 +12,10 @@ from softfuse.body import Body
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_reduction import Teacher, build_regions
-from softfuse.equilibrium.solution import RESULTS
+from softfuse.mechanics.solution import RESULTS
 from softfuse.estimation.device import simulate
 from softfuse.estimation.reduced_device import reduced_device
-from softfuse.reduction.rest_stiffness import rest_stiffness
+from softfuse.rom.rest_stiffness import rest_stiffness
 
 CHANGES = (
     ("sampling = 0.0001 ", "sampling = 0.0005\nlevels = 2\nnear = 4 "),

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.equilibrium.load import Loads
-from softfuse.equilibrium.solution import State
-from softfuse.equilibrium.sparse import SparseLU
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.solution import State
+from softfuse.mechanics.sparse import SparseLU
 from softfuse.errors import ConfigError, MeshError, RecordingError
 from softfuse.experiment.finger_bed import (
     CABLE_ALONE,

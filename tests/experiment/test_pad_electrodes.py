@@ -9,7 +9,7 @@ import pytest
 from softfuse.config import load
 from softfuse.config.body import PadSource
 from softfuse.config.build_virtual_pad import pad_plan
-from softfuse.equilibrium.sparse import SparseLU
+from softfuse.mechanics.sparse import SparseLU
 from softfuse.experiment import kept_poses
 from softfuse.experiment.electrode_electronics import CellElectronics
 from softfuse.experiment.mutual_field import MutualField

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.equilibrium.dense import Dense
-from softfuse.equilibrium.patch import PatchContact
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 from softfuse.experiment.posture import Posture, Watched
 from softfuse.functional.material_points import MaterialPoints

@@ -2,7 +2,7 @@
 
 import pytest
 
-from softfuse.equilibrium.solution import RESULTS, result_name
+from softfuse.mechanics.solution import RESULTS, result_name
 
 NAMES = ("converged", "diverged", "snapped", "inverted", "step_limit")
 

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from softfuse.equilibrium.sparse import SparseLU
+from softfuse.mechanics.sparse import SparseLU
 from softfuse.errors import ConfigError
 from softfuse.experiment.electrode_electronics import LineElectronics
 from softfuse.experiment.flow_electronics import FlowElectronics

@@ -13,7 +13,7 @@ from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_tracker
 from softfuse.config.build_virtual_pad import pad_plan
 from softfuse.config.device import DeviceConfig
-from softfuse.equilibrium.sparse import SparseLU
+from softfuse.mechanics.sparse import SparseLU
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
 from softfuse.estimation.tracked import Frame

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softfuse.equilibrium.solution import State
+from softfuse.mechanics.solution import State
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker
 from softfuse.fusion.fusion import Fused, Fusion

@@ -1,0 +1,130 @@
+"""Patches of the surface that are pressed along their current normals.
+
+A patch carries a frame: its mean position and two tangents, all linear in the nodes. Their cross product is
+the current normal n into the body, and a contact of magnitude F pushes with f = F n. Such a force turns with
+the body and has no potential; the law's derivative in the tangents makes up for that.
+"""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from softfuse.body.base import AbstractBody
+from softfuse.mechanics.load import AbstractContact, AbstractLoad, LinearPorts, Sizes
+from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.face_search import EveryFace
+from softfuse.functional.pressure_cells import PressureCells
+
+
+class NormalPatches(AbstractLoad):
+    """c patches, each pressed with a given force along its current normal; ports are those of
+    their frames.
+    """
+
+    ports: LinearPorts
+
+    @classmethod
+    def of(cls, contacts: Sequence[Contact], body: AbstractBody) -> "NormalPatches":
+        """The patches of contacts; the pressure on each is that of all its cells together."""
+        rest, rows = zip(*(contact.frame(body) for contact in contacts), strict=True)
+        return cls(LinearPorts(_positions_first(jnp.stack(rest)), _positions_first(jnp.stack(rows, axis=1))))
+
+    @property
+    def sizes(self):
+        """The frames' nine ports each; force vectors on the positions; the magnitudes."""
+        c = self.ports.rest.shape[0] // 9
+        return Sizes(ports=9 * c, forces=3 * c, internal=0, drives=c)
+
+    def start(self):
+        """No force."""
+        sizes = self.sizes
+        return jnp.zeros(sizes.forces), jnp.zeros(0), jnp.zeros(sizes.drives)
+
+    def units(self):
+        """Newtons."""
+        return jnp.ones(self.sizes.forces)
+
+    def equations(self, force, internal, y, drive):
+        """f_j − F_j n_j = 0 (3 c,) [N]."""
+        del internal
+        return force - (drive[:, None] * _normals(y)).ravel()
+
+    def conjugate(self, force, internal, y):
+        """How far each patch has moved along its current normal (c,) [m]."""
+        del force, internal
+        moved = (y - self.ports.rest)[: self.sizes.forces].reshape(-1, 3)
+        return jnp.sum(moved * _normals(y), axis=1)
+
+
+def _positions_first(frames: Float[Array, "... c 9"]) -> Float[Array, "... 9c"]:
+    """All positions, then all tangents, of frames that have both: forces belong to the first ports."""
+    lead = frames.shape[:-2]
+    return jnp.concatenate([frames[..., :3].reshape(*lead, -1), frames[..., 3:].reshape(*lead, -1)], axis=-1)
+
+
+def _normals(y: Float[Array, " 9c"]) -> Float[Array, "c 3"]:
+    tangents = y[y.shape[0] // 3 :].reshape(-1, 2, 3)
+    across = jnp.cross(tangents[:, 0], tangents[:, 1])
+    return across / jnp.linalg.norm(across, axis=1, keepdims=True)
+
+
+class PatchContact(AbstractContact):
+    """Electrodes on the surface, each with c patches where a contact on it may press; a place is the number
+    of an electrode.
+
+    Forces on two patches stand for one force anywhere between them: a contact's place on its electrode is
+    found with its force. `location` (e, c, 3) m: the patches' middles on the body at rest; `direction` (e,
+    3), `tangents` (e, 2, 3): into the surface there and along it; `radius` [m].
+    """
+
+    faces: Int[Array, "f s"]
+    location: Float[Array, "e c 3"]
+    direction: Float[Array, "e 3"]
+    tangents: Float[Array, "e 2 3"]
+    cells: PressureCells
+    radius: Float[Array, ""]
+
+    @classmethod
+    def on(
+        cls,
+        faces: Int[np.ndarray, "f s"],
+        location: Float[np.ndarray, "e c 3"],
+        direction: Float[np.ndarray, "e 3"],
+        cells: PressureCells,
+        radius: float,
+    ) -> "PatchContact":
+        """Patches on the outward faces (f, s) of a body; `direction` (e, 3): into it, of any length."""
+        surfaces = [ContactSurface.pressed(faces, each) for each in direction]
+        return cls(
+            jnp.asarray(faces),
+            jnp.asarray(location, float),
+            jnp.stack([surface.direction for surface in surfaces]),
+            jnp.stack([surface.tangents for surface in surfaces]),
+            cells,
+            jnp.asarray(radius, float),
+        )
+
+    @property
+    def drives(self):
+        """One force for each patch of an electrode."""
+        return self.location.shape[1]
+
+    def arms(self, place):
+        """Of each patch from the middle of all, along the line from the first to the last."""
+        middles = self.location[place]
+        line = middles[-1] - middles[0]
+        length = jnp.linalg.norm(line)
+        return (middles - middles.mean(axis=0)) @ (line / jnp.where(length > 0, length, 1.0))
+
+    def at(self, place: Int[Array, ""]) -> tuple[Contact, ...]:
+        """The patches of electrode number `place`."""
+        every = EveryFace(len(self.faces))
+        surface = ContactSurface(self.faces, self.direction[place], self.tangents[place], every)
+        middles = self.location[place]
+        return tuple(Contact(surface, self.cells, middle, self.radius) for middle in middles)
+
+    def load(self, body, place):
+        """The patches of electrode number `place` as a load along their current normals."""
+        return NormalPatches.of(self.at(place), body)

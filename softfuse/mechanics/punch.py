@@ -1,0 +1,102 @@
+"""A flat disc with a prescribed total force: no tension, no penetration.
+
+The ports are the displacements g (m,) under the cells of a `Contact`, the forces those of the cells a (m,),
+the internal unknown the disc's depth d. Between the rigid disc and the body lies a layer of springs
+(Winkler's foundation: a padded indenter, a thin skin) of compliance c [m/Pa], which a cell of area A
+compresses by s a, s = c/A; c = 0 is a bare rigid disc. With the gap h = g + s a − d a cell touches where h =
+0 and has lifted off where h > 0: 0 ≤ a ⊥ h ≥ 0, Σ a = F. As equations: with v = a − γ h a cell is on where
+v > 0, and then h = 0, else a = 0. The choice of γ > 0 [N/m] does not move the solution. A disc weighs one
+nanonewton, so that without a force it rests on those cells that a force would press. Source of the layer:
+Johnson, Contact Mechanics, 1985, sec. 4.3.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from softfuse.body.base import AbstractBody
+from softfuse.mechanics.load import AbstractContact, AbstractLoad, LinearPorts, Sizes
+from softfuse.functional.contact import Contact
+
+_WEIGHT = 1e-9  # N
+_SOFTENING = 1e-10  # of 1/γ: cells that a coarse mesh cannot tell apart share their force
+
+
+class Punch(AbstractLoad):
+    """The disc's cells as ports, the compliance s (m,) [m/N] of the layer under each, and the stiffness γ
+    [N/m] that weighs gaps against forces.
+    """
+
+    ports: LinearPorts
+    layer: Float[Array, " m"]
+    stiffness: Float[Array, ""]
+
+    @classmethod
+    def of(cls, contact: Contact, body: AbstractBody) -> "Punch":
+        """The disc of a contact on a body; γ is μ times the disc's radius."""
+        return cls.pushing(contact.rows(body), contact, body)
+
+    @classmethod
+    def pushing(cls, rows: Float[Array, "n m"], contact: Contact, body: AbstractBody) -> "Punch":
+        """The disc of a contact with known rows (n, m) of its cells, see `Contact.rows`."""
+        gamma = jax.lax.stop_gradient(body.pressure_unit * contact.radius)
+        layer = contact.compliance / contact.areas
+        return cls(LinearPorts(jnp.zeros(rows.shape[1]), rows), layer, gamma)
+
+    @property
+    def sizes(self):
+        """m ports with as many forces; the depth; the total force."""
+        m = self.ports.rest.shape[0]
+        return Sizes(ports=m, forces=m, internal=1, drives=1)
+
+    def start(self):
+        """No force, no depth."""
+        return jnp.zeros(self.sizes.forces), jnp.zeros(1), jnp.zeros(1)
+
+    def units(self):
+        """Forces in N, the depth in F/γ of 1 N."""
+        return jnp.append(jnp.ones(self.sizes.forces), 1 / self.stiffness)
+
+    def equations(self, force, internal, y, drive):
+        """γ h = 0 or a = 0 for each cell (m,), then Σ a − F = 0 [N]."""
+        shut = self.stiffness * self._gap(force, internal, y) + _SOFTENING * force
+        law = jnp.where(self.touching(force, internal, y), shut, force)
+        return jnp.append(law, jnp.sum(force) - drive[0] - _WEIGHT)
+
+    def conjugate(self, force, internal, y):
+        """The depth (1,) [m]."""
+        del force, y
+        return internal
+
+    def touching(
+        self, force: Float[Array, " m"], internal: Float[Array, " 1"], y: Float[Array, " m"]
+    ) -> Bool[Array, " m"]:
+        """Which cells are on (m,); one always is, or nothing would hold the disc."""
+        v = force - self.stiffness * self._gap(force, internal, y)
+        return (v > 0) | (v >= jnp.max(v))
+
+    def _gap(
+        self, force: Float[Array, " m"], internal: Float[Array, " 1"], y: Float[Array, " m"]
+    ) -> Float[Array, " m"]:
+        """h (m,) [m]."""
+        return y + self.layer * force - internal[0]
+
+
+class PunchContact(AbstractContact):
+    """Discs that may press anywhere on a surface; a place is the location (3,) m of a disc's middle."""
+
+    disc: Contact
+
+    def at(self, place: Float[Array, "3"]) -> Contact:
+        """The disc at a location (3,) m."""
+        return eqx.tree_at(lambda disc: disc.location, self.disc, place)
+
+    @property
+    def drives(self):
+        """The total force."""
+        return 1
+
+    def load(self, body, place):
+        """The disc at a location (3,) m as a load."""
+        return Punch.of(self.at(place), body)

@@ -1,0 +1,66 @@
+"""What an equilibrium is, and how its search ended."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from softfuse.body.base import AbstractBody
+from softfuse.mechanics.load import Loads
+
+
+class RESULTS(eqx.Enumeration):
+    """How a solve ended; data inside jit, turned into words or an exception at the edge."""
+
+    converged = "converged"
+    diverged = "diverged: no load step converged; the body may have collapsed, or cannot carry the load"
+    snapped = (
+        "snap: with a little more load the body jumps to another shape; what is given is the last before"
+    )
+    inverted = (
+        "inverted element: the load turns an element inside out; refine the mesh there or lower the load"
+    )
+    step_limit = "step limit: more load steps are needed; raise max_load_steps"
+
+
+_NAMES = ("converged", "diverged", "snapped", "inverted", "step_limit")
+
+
+def result_name(result: RESULTS) -> str:
+    """The name of how a solve ended, such as "converged"; `RESULTS[result]` says it in a sentence."""
+    return next(name for name in _NAMES if bool(result == getattr(RESULTS, name)))
+
+
+class State(eqx.Module):
+    """What changes while a body deforms under its loads.
+
+    `z` (n,): the body's unknowns; `force` (Q,): of the ports that carry one; `internal` (M,): the loads' own
+    unknowns; `drive` (D,): what is prescribed.
+    """
+
+    z: Float[Array, " n"]
+    force: Float[Array, " Q"]
+    internal: Float[Array, " M"]
+    drive: Float[Array, " D"]
+
+    @classmethod
+    def rest(cls, body: AbstractBody, loads: Loads) -> "State":
+        """The undeformed state."""
+        return cls(jnp.zeros(body.n), *loads.start())
+
+
+class Stats(eqx.Module):
+    """What a solve took: Newton iterations, accepted load steps, and the largest unbalanced nodal force [N]
+    at its end.
+    """
+
+    newton_iterations: Int[Array, ""]
+    load_steps: Int[Array, ""]
+    residual: Float[Array, ""]
+
+
+class Solution(eqx.Module):
+    """A state, how its search ended, and what it took; on failure the last state that was an equilibrium."""
+
+    state: State
+    result: RESULTS
+    stats: Stats

@@ -1,0 +1,60 @@
+"""Enclosed volumes as ports: their conjugate forces are the gauge pressures inside.
+
+A pressure follows the surface: its nodal forces p ∂V/∂z turn with it, which adds −p ∂²V/∂z² to the tangent,
+face by face and therefore within the elements that the faces belong to.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from softfuse.body.base import AbstractBody
+from softfuse.mechanics.load import AbstractPorts
+from softfuse.errors import MeshError
+from softfuse.functional.cavity import Cavity, cone_volume
+
+
+class VolumePorts(AbstractPorts):
+    """The volumes of cavities (p,) [m³], and the elements (f,) that the faces of each belong to."""
+
+    cavities: tuple[Cavity, ...]
+    elements: tuple[Int[Array, " f"], ...]
+
+    @classmethod
+    def of(cls, cavities: tuple[Cavity, ...], body: AbstractBody) -> "VolumePorts":
+        """The cavities of a body. Raises MeshError when a face belongs to none of its elements."""
+        return cls(cavities, tuple(_owners(np.asarray(cavity.faces), body) for cavity in cavities))
+
+    def values(self, body, z):
+        """Enclosed volumes (p,) [m³]."""
+        positions = body.rest + body.watched(z)
+        return jnp.stack([cavity(positions) for cavity in self.cavities])
+
+    def rows(self, body, z):
+        """∂V/∂z (n, p) [m²]."""
+        return jax.jacrev(lambda x: self.values(body, x))(z).T
+
+    def stiffen(self, body, z, force, tangents):
+        """Minus Σ p ∂²V/∂z² for pressures `force` (p,) [Pa]."""
+        positions = body.rest + body.watched(z)
+        for cavity, element, pressure in zip(self.cavities, self.elements, force, strict=True):
+            s = cavity.faces.shape[1]
+            bend = jax.vmap(jax.hessian(cone_volume))(positions[cavity.faces]).reshape(-1, 3 * s, 3 * s)
+            tangents = body.stiffened(tangents, element, cavity.faces, -pressure * bend)
+        return tangents
+
+    @property
+    def supports(self):
+        """No springs."""
+        return jnp.zeros(len(self.cavities))
+
+
+def _owners(faces: Int[np.ndarray, "f s"], body: AbstractBody) -> Int[Array, " f"]:
+    tets = np.asarray(body.tets)
+    corners = tets[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]]
+    owner = {tuple(key): e for e, four in enumerate(np.sort(corners, axis=2)) for key in four}
+    element = np.array([owner.get(tuple(key), -1) for key in np.sort(faces[:, :3], axis=1)])
+    if np.any(element < 0):
+        raise MeshError("a cavity has a face that belongs to no element: take its faces from the body's mesh")
+    return jnp.asarray(element, jnp.int32)

@@ -1,0 +1,195 @@
+"""What acts on a body as what it is on a reduced one: rows of a few numbers instead of nodes.
+
+Ports that are linear in the nodes are linear in the modes' amplitudes, y = y₀ + Gᵀ z with G = Uᵀ G_full, and
+the springs that support them stiffen the modes by G k Gᵀ. The volumes of cavities are `ProjectedVolumes`.
+A disc may press wherever the reduced body watches the nodes: only where it lands is found anew each time.
+"""
+
+from functools import singledispatch
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from softfuse.body.body import Body
+from softfuse.mechanics.load import AbstractContact, AbstractLoad, AbstractPorts, LinearPorts
+from softfuse.mechanics.patch import NormalPatches, PatchContact
+from softfuse.mechanics.points import AbstractGuides
+from softfuse.mechanics.punch import Punch, PunchContact
+from softfuse.mechanics.volume import VolumePorts
+from softfuse.errors import SolveError
+from softfuse.functional.contact import Contact, ContactSurface, SeenFaces
+from softfuse.rom.basis import Basis
+from softfuse.rom.chart import Chart
+from softfuse.rom.projected_volume import ProjectedVolumes, projected_volumes
+from softfuse.rom.reduced_body import ReducedBody
+
+
+class ProjectedGuides(AbstractGuides):
+    """Places in a body: `rest` y₀ (3 g,) [m], `slopes` G (n, 3 g) [m], `springs` k (3 g,) [N/m]."""
+
+    rest: Float[Array, " p"]
+    slopes: Float[Array, "n p"]
+    springs: Float[Array, " p"]
+
+    @property
+    def location(self):
+        """Where they are on the body at rest (g, 3) [m]."""
+        return self.rest.reshape(-1, 3)
+
+    def values(self, body, z):
+        """y₀ + Gᵀ z (3 g,) [m]."""
+        del body
+        return self.rest + self.slopes.T @ z
+
+    def rows(self, body, z):
+        """G (n, 3 g)."""
+        del body, z
+        return self.slopes
+
+    def stiffen(self, body, z, force, tangents):
+        """The tangent (1, n, n) with the supporting springs."""
+        del body, z, force
+        return tangents + (self.slopes * self.springs) @ self.slopes.T
+
+    @property
+    def supports(self):
+        """The springs (3 g,) [N/m]."""
+        return self.springs
+
+
+class ProjectedVolumePorts(AbstractPorts):
+    """The volumes (p,) [m³] of cavities."""
+
+    volumes: ProjectedVolumes
+
+    def values(self, body, z):
+        """V (p,) [m³]."""
+        return self.volumes.rest + self.volumes.change(body, z)
+
+    def rows(self, body, z):
+        """∂V/∂z (n, p) [m³]."""
+        return jax.jacrev(lambda x: self.values(body, x))(z).T
+
+    def stiffen(self, body, z, force, tangents):
+        """The tangent (1, n, n) minus Σ p ∂²V/∂z² for pressures `force` (p,) [Pa]."""
+        del body
+        return tangents - self.volumes.bent(force, z)
+
+    @property
+    def supports(self):
+        """No springs."""
+        return jnp.zeros_like(self.volumes.rest)
+
+
+class ProjectedPatches(AbstractContact):
+    """Patches at e electrodes: the forces' `lever` (e, c) [m] about each middle, and the ports of their
+    frames, `rest` (e, 9 c) and `slopes` (e, n, 9 c).
+    """
+
+    lever: Float[Array, "e c"]
+    rest: Float[Array, "e p"]
+    slopes: Float[Array, "e n p"]
+
+    @property
+    def drives(self):
+        """One force for each patch of an electrode."""
+        return self.lever.shape[1]
+
+    def arms(self, place):
+        """Of each patch from the middle of all, along the line from the first to the last."""
+        return self.lever[place]
+
+    def load(self, body, place):
+        """The patches of electrode number `place`."""
+        del body
+        return NormalPatches(LinearPorts(self.rest[place], self.slopes[place]))
+
+
+class ProjectedDiscs(AbstractContact):
+    """Discs anywhere on a surface: `disc` on faces of watched nodes, numbered among these, `seen` where they
+    are at rest, and what a newton on each does to the modes, `slopes` (m, w); of n unknowns.
+    """
+
+    disc: Contact
+    seen: SeenFaces
+    slopes: Float[Array, "m w"]
+    n: int = eqx.field(static=True)
+
+    @property
+    def drives(self):
+        """The total force."""
+        return 1
+
+    def load(self, body, place):
+        """The disc at a location (3,) m; NaN where it lands on a node that is not watched."""
+        disc = eqx.tree_at(lambda disc: disc.location, self.disc, place)
+        on = disc.surface.land_on(self.seen, disc.points)
+        (m, w), count = self.slopes.shape, disc.cells.count
+        pushed = jnp.zeros((count, w + 1)).at[disc.cells.cell[:, None], on.nodes].add(disc.parts(on))
+        rows = jnp.einsum("mw,cw->mc", self.slopes, pushed[:, :w].astype(self.slopes.dtype)).astype(float)
+        lost = jnp.where(pushed[:, w] != 0, jnp.nan, 0.0)
+        return Punch.pushing(jnp.concatenate([rows + lost, jnp.zeros((self.n - m, count))]), disc, body)
+
+
+def projected_discs(contact: PunchContact, small: ReducedBody) -> ProjectedDiscs:
+    """Discs on a reduced body."""
+    faces, seen, slopes = _seen_by_discs(contact.disc.surface, small)
+    disc = eqx.tree_at(lambda disc: disc.surface.faces, contact.disc, faces)
+    return ProjectedDiscs(disc, seen, slopes, small.n)
+
+
+@eqx.filter_jit
+def _seen_by_discs(surface: ContactSurface, small: ReducedBody) -> tuple[Array, SeenFaces, Array]:
+    # One program, as a dozen small ones would take a second to compile.
+    along = jnp.einsum("wim,i->mw", small.seen_shapes, surface.direction.astype(small.seen_shapes.dtype))
+    return small.seen[surface.faces], surface.seen(small.rest), along
+
+
+def projected_patches(contact: PatchContact, body: Body, basis: Basis) -> ProjectedPatches:
+    """The patches of a full body on one of some modes."""
+
+    @eqx.filter_jit
+    def frames(contact: PatchContact, body: Body, place: Array) -> tuple[Array, LinearPorts]:
+        return contact.arms(place), contact.load(body, place).ports
+
+    each = [frames(contact, body, jnp.asarray(k)) for k in range(len(contact.location))]
+    slopes = [basis.columns.T @ np.asarray(ports.slopes) for _, ports in each]
+    return ProjectedPatches(
+        jnp.stack([arms for arms, _ in each]),
+        jnp.stack([ports.rest for _, ports in each]),
+        jnp.asarray(np.stack(slopes)),
+    )
+
+
+def projected_load(load: AbstractLoad, body: Body, small: ReducedBody, chart: Chart) -> AbstractLoad:
+    """A load of a full body on the reduced one of a chart. Raises SolveError where it has no projection."""
+    return eqx.tree_at(lambda of: of.ports, load, _projected(load.ports, body, small, chart))
+
+
+@singledispatch
+def _projected(ports: AbstractPorts, body: Body, small: ReducedBody, chart: Chart) -> AbstractPorts:
+    del body, small, chart
+    raise SolveError(f"a body with {type(ports).__name__} attached cannot be reduced")
+
+
+@_projected.register
+def _(ports: LinearPorts, body: Body, small: ReducedBody, chart: Chart) -> LinearPorts:
+    del body, small
+    return LinearPorts(ports.rest, jnp.asarray(chart.basis.columns.T @ np.asarray(ports.slopes)))
+
+
+@_projected.register
+def _(ports: AbstractGuides, body: Body, small: ReducedBody, chart: Chart) -> ProjectedGuides:
+    del small
+    rows = np.asarray(eqx.filter_jit(lambda ports, body: ports.rows(body, jnp.zeros(body.n)))(ports, body))
+    slopes = jnp.asarray(chart.basis.columns.T @ rows)
+    return ProjectedGuides(ports.location.ravel(), slopes, ports.supports)
+
+
+@_projected.register
+def _(ports: VolumePorts, body: Body, small: ReducedBody, chart: Chart) -> ProjectedVolumePorts:
+    del body
+    return ProjectedVolumePorts(projected_volumes(ports.cavities, small, chart.reach))

@@ -1,0 +1,196 @@
+"""Cables: the paper's direction, a closed form, slackness, friction, and exact derivatives.
+
+Navarro et al. 2020, eq. 3: the cable pulls guide i along the sum of the unit vectors to its neighbours, and
+eq. 4 distributes that over the nodes of the guide's element by its barycentric coordinates.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softfuse.body import LINEAR, Body, mesh_for
+from softfuse.mechanics import RESULTS, Loads, Newton, State, solve
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.dense import Dense
+from softfuse.errors import MeshError
+from softfuse.functional.cable import guide_forces, length
+from softfuse.functional.material_points import MaterialPoints
+from softfuse.material import NeoHookean
+
+LENGTH, SIDE, YOUNG = 0.06, 0.012, 3e5
+GUIDES = np.array([[x, 0.0045, 0.002] for x in (0.012, 0.027, 0.041, 0.055)])
+PULLED_AT = np.array([-0.004, 0.0065, 0.003])
+
+_solve = eqx.filter_jit(solve)
+
+
+@pytest.fixture(scope="module")
+def beam(box) -> Body:
+    """60 × 12 × 12 mm, held at x = 0."""
+    mesh = mesh_for(LINEAR, box(np.linspace(0, LENGTH, 11), *(2 * [np.linspace(0, SIDE, 3)])))
+    return Body.from_mesh(mesh, [NeoHookean.from_young(YOUNG, 0.3)], mesh.nodes[:, 0] == 0.0, element=LINEAR)
+
+
+@pytest.fixture(scope="module")
+def pulled(beam) -> PulledCable:
+    return PulledCable.through(beam, GUIDES, PULLED_AT)
+
+
+@pytest.fixture(scope="module")
+def shortened(beam, pulled) -> ShortenedCable:
+    return ShortenedCable.of(pulled, beam)
+
+
+def rest_length(cable: PulledCable) -> float:
+    return float(length(cable.ports.points.location, cable.pulled_at))
+
+
+def _equilibrium(body: Body, cable, drive: float):
+    loads = Loads((cable,))
+    found = _solve(Newton(Dense.plan(body)), body, loads, jnp.array([drive]), State.rest(body, loads))
+    assert found.result == RESULTS.converged
+    return found.state
+
+
+def test_guides_are_where_they_were_put(beam, pulled, generic) -> None:
+    at_rest = pulled.ports.values(beam, jnp.zeros(beam.n)).reshape(-1, 3)
+    np.testing.assert_allclose(at_rest, GUIDES, atol=1e-15)
+    z = generic(beam, 0)
+    np.testing.assert_allclose(
+        pulled.ports.values(beam, z) - at_rest.ravel(), pulled.ports.rows(beam, z).T @ z, atol=1e-15
+    )
+
+
+def test_the_length_falls_along_the_direction_of_the_paper(beam, pulled, generic) -> None:
+    """∂δ_c/∂q with δ_c = −ℓ: unit vectors to the neighbours times barycentric weights, by numpy."""
+    z = generic(beam, 1)
+    q = np.asarray(beam.rest + beam.displacement(z))
+    points = pulled.ports.points
+    shape = np.asarray(points.shape(beam.rest))
+    nodes = np.asarray(points.nodes)
+    at = np.vstack([PULLED_AT, np.einsum("ga,gai->gi", shape, q[nodes])])
+    expected = np.zeros_like(q)
+    for i in range(1, len(at)):
+        pull = (at[i - 1] - at[i]) / np.linalg.norm(at[i - 1] - at[i])
+        if i + 1 < len(at):
+            pull = pull + (at[i + 1] - at[i]) / np.linalg.norm(at[i + 1] - at[i])
+        for weight, node in zip(shape[i - 1], nodes[i - 1], strict=True):
+            expected[node] += weight * pull
+
+    def shortening(positions):
+        x = jnp.einsum("ga,gai->gi", points.shape(beam.rest), positions[points.nodes])
+        return -length(x, pulled.pulled_at)
+
+    np.testing.assert_allclose(jax.grad(shortening)(jnp.asarray(q)), expected, rtol=0, atol=1e-13)
+    # The same nodal forces as the load puts on the body for a tension of 1 N.
+    forces = guide_forces(jnp.asarray(at[1:]), pulled.pulled_at, jnp.array(1.0), jnp.array(0.0))
+    pushed = np.append(pulled.ports.rows(beam, z) @ forces.ravel(), 0.0)[np.asarray(beam.displacement_index)]
+    free = np.asarray(beam.displacement_index) < beam.n
+    np.testing.assert_allclose(pushed[free], expected[free], rtol=0, atol=1e-13)
+
+
+def test_friction_follows_euler_and_eytelwein() -> None:
+    """Around half a circle of many guides the tension falls by exp(−μ π)."""
+    turn = np.linspace(0.0, np.pi, 400)
+    circle = jnp.asarray(np.stack([np.sin(turn), 1 - np.cos(turn), 0 * turn], axis=1))
+    start, friction = jnp.array([-1.0, 0.0, 0.0]), 0.3
+    forces = guide_forces(circle, start, jnp.array(2.0), jnp.array(friction))
+    # The last guide holds the end of the cable with what is left of the tension.
+    np.testing.assert_allclose(np.linalg.norm(forces[-1]), 2 * np.exp(-friction * np.pi), rtol=2e-3)
+    # What all guides feel together is what pulls at both ends of the cable.
+    np.testing.assert_allclose(jnp.sum(forces, axis=0), [-2.0, 0.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.slow
+def test_tension_and_shortening_are_each_others_inverse(beam, pulled, shortened) -> None:
+    by_length = _equilibrium(beam, shortened, 0.004)
+    tension = float(by_length.internal[0])
+    assert tension > 0.1
+    by_force = _equilibrium(beam, pulled, tension)
+    np.testing.assert_allclose(by_force.z, by_length.z, rtol=0, atol=1e-9 * np.abs(by_length.z).max())
+    guides = pulled.ports.values(beam, by_length.z).reshape(-1, 3)
+    left = float(length(guides, pulled.pulled_at))
+    np.testing.assert_allclose(rest_length(pulled) - left, 0.004, atol=1e-12)
+
+
+def test_the_tip_moves_towards_the_cable(beam, shortened) -> None:
+    state = _equilibrium(beam, shortened, 0.004)
+    tip = np.asarray(beam.displacement(state.z))[np.isclose(np.asarray(beam.rest)[:, 0], LENGTH)]
+    assert tip[:, 2].mean() < -0.005 and tip[:, 0].mean() < 0
+
+
+def test_a_slack_cable_carries_nothing(beam, shortened) -> None:
+    state = _equilibrium(beam, shortened, -0.002)
+    np.testing.assert_array_equal(state.force, 0.0)
+    np.testing.assert_array_equal(state.internal, 0.0)
+    np.testing.assert_array_equal(state.z, 0.0)
+
+
+def test_a_soft_cable_stretches(beam, pulled) -> None:
+    soft = PulledCable.through(beam, GUIDES, PULLED_AT, friction=0.2, compliance=2e-3)
+    state = _equilibrium(beam, ShortenedCable.of(soft, beam), 0.004)
+    guides = pulled.ports.values(beam, state.z).reshape(-1, 3)
+    stretched = float(length(guides, pulled.pulled_at) - (rest_length(pulled) - 0.004))
+    np.testing.assert_allclose(stretched, 2e-3 * float(state.internal[0]), rtol=1e-9)
+    # What a cable of given tension is pulled out by is the same.
+    out = soft.conjugate(state.force, jnp.zeros(0), guides.ravel())
+    np.testing.assert_allclose(out, 0.004, rtol=1e-9)
+
+
+def test_a_guide_in_the_air_is_refused(beam) -> None:
+    with pytest.raises(MeshError, match=r"point 1 at \(20, -1, 2\) mm lies outside the body"):
+        PulledCable.through(beam, np.array([[0.01, 0.004, 0.002], [0.02, -0.001, 0.002]]), PULLED_AT)
+
+
+@pytest.mark.slow
+def test_a_point_of_a_curved_element_is_found_inside_it(box) -> None:
+    """Mid-edge nodes off their chords: the shape values still reproduce the point."""
+    from softfuse.body import QUADRATIC
+
+    mesh = mesh_for(QUADRATIC, box([0.0, 0.01], [0.0, 0.01], [0.0, 0.01]))
+    body = Body.from_mesh(mesh, [NeoHookean.from_young(1e5, 0.3)], mesh.nodes[:, 2] == 0.0, element=QUADRATIC)
+    bent = body.rest + 1e-3 * jnp.sin(300 * body.rest[:, [1, 2, 0]])
+    curved = body.with_rest(bent)
+    point = np.array([[0.004, 0.006, 0.0055]])
+    held = MaterialPoints.embedded(curved, point)
+    np.testing.assert_allclose(
+        jnp.einsum("ga,gai->gi", held.shape(bent), bent[held.nodes]), point, atol=1e-15
+    )
+
+
+@pytest.mark.slow
+def test_gradients_are_the_differences_of_full_solves(beam, pulled) -> None:
+    """Tip and tension in guide positions, stiffness and shortening."""
+    newton = Newton(Dense.plan(beam), step_tolerance=1e-12)
+    tip = int(np.argmax(np.asarray(beam.rest) @ [1, 1, 1]))
+
+    def read(theta):
+        guides, scale, drive = theta
+        law = beam.materials[0]
+        body = beam.with_materials([NeoHookean(scale * law.mu, scale * law.lame)])
+        cable = eqx.tree_at(lambda c: c.ports.points.location, pulled, guides)
+        loads = Loads((ShortenedCable.of(cable, body),))
+        state = solve(newton, body, loads, drive, State.rest(body, loads)).state
+        return jnp.append(body.displacement(state.z)[tip], state.internal)
+
+    at = (jnp.asarray(GUIDES), jnp.array(1.0), jnp.array([0.003]))
+    random = np.random.default_rng(0)
+    directions = [
+        (jnp.asarray(1e-3 * random.normal(size=GUIDES.shape)), jnp.array(0.0), jnp.zeros(1)),
+        (jnp.zeros(GUIDES.shape), jnp.array(0.5), jnp.zeros(1)),
+        (jnp.zeros(GUIDES.shape), jnp.array(0.0), jnp.array([1e-3])),
+    ]
+    solved = jax.jit(read)
+    slope = jax.jit(lambda d: jax.jvp(read, (at,), (d,))[1])
+    pull = jax.jit(lambda w: jax.vjp(read, at)[1](w)[0])
+    h = 1e-3
+    for d in directions:
+        ends = [solved(jax.tree.map(lambda a, b, s=s: a + s * h * b, at, d)) for s in (1, -1)]
+        forward = slope(d)
+        scale = np.abs(forward).max(initial=1e-12)
+        np.testing.assert_allclose(forward, (ends[0] - ends[1]) / (2 * h), rtol=1e-5, atol=1e-6 * scale)
+        weights = jnp.asarray(random.normal(size=4))
+        backward = sum(float(jnp.vdot(a, b)) for a, b in zip(pull(weights), d, strict=True))
+        np.testing.assert_allclose(backward, float(weights @ forward), rtol=1e-9)
