@@ -27,13 +27,13 @@ from softfuse.config import load
 from softfuse.config.build_device import build_device, build_limits, build_step_settings
 from softfuse.config.build_reduction import Teacher, build_regions, reduction_mark
 from softfuse.config.device import DeviceConfig
-from softfuse.mechanics.solution import RESULTS
 from softfuse.estimation.atlas import AtlasFolder
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.kept_device import Kept, kept_sizes, read_device
 from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation
+from softfuse.mechanics.solution import RESULTS
 from softfuse.rom.rest_stiffness import rest_stiffness
 
 PER_LOAD, SOLVED_EVERY = 2000, 50

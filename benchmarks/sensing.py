@@ -28,7 +28,6 @@ from softfuse.config.build_sensors import build_sensors
 from softfuse.config.build_tracker import build_senses
 from softfuse.config.build_virtual_pad import pad_plan
 from softfuse.config.device import DeviceConfig
-from softfuse.mechanics.sparse import SparseLU
 from softfuse.estimation.compiled_senses import CompiledSenses
 from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.pad_electrodes import LineElectrodes
@@ -36,7 +35,8 @@ from softfuse.experiment.pad_field import FieldSettings
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadBed, pad_touches
 from softfuse.experiment.virtual_pad import Touch
-from softfuse.sensing import follow_peak, no_peak, peak_signal
+from softfuse.mechanics.sparse import SparseLU
+from softfuse.sensors import follow_peak, no_peak, peak_signal
 
 CONFIG = Path(__file__).parents[1] / "configs" / "pad.toml"
 SHEAR_PA, POISSON = 0.2e6, 0.49

@@ -24,10 +24,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body import LINEAR, Body
-from softfuse.mechanics import RESULTS, Loads, Newton, State, solve
-from softfuse.mechanics.cable import PulledCable, ShortenedCable
-from softfuse.mechanics.dense import Dense
-from softfuse.mechanics.patch import PatchContact
 from softfuse.estimation.device import Device
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation, exact_steps
@@ -35,6 +31,10 @@ from softfuse.functional import Marker, uniform
 from softfuse.functional.cable import guide_forces, length
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.material import Corotational, lame_constants
+from softfuse.mechanics import RESULTS, Loads, Newton, State, solve
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.patch import PatchContact
 from softfuse.mesh.surface import boundary_faces
 from softfuse.mesh.tetmesh import tet_mesh
 

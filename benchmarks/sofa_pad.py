@@ -21,14 +21,14 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from softfuse.body import LINEAR, Body
-from softfuse.mechanics import LinearPorts, Multifrontal, PrescribedForce
-from softfuse.mechanics.load import AbstractContact
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
 from softfuse.functional import Cavity
 from softfuse.material import Corotational
+from softfuse.mechanics import LinearPorts, Multifrontal, PrescribedForce
+from softfuse.mechanics.load import AbstractContact
 from softfuse.mesh.surface import cavities
 from softfuse.mesh.tetmesh import tet_mesh
 

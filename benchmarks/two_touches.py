@@ -34,10 +34,6 @@ from softfuse.config.build_tracker import build_tracker
 from softfuse.config.build_virtual_pad import PadPlan
 from softfuse.config.contact import DiscSettings
 from softfuse.config.file import Edits
-from softfuse.mechanics.load import Loads
-from softfuse.mechanics.multifrontal import Multifrontal
-from softfuse.mechanics.newton import Newton, solve
-from softfuse.mechanics.solution import RESULTS, State
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.experiment.accuracy import NINETY
 from softfuse.experiment.channel_electronics import Readout
@@ -47,7 +43,11 @@ from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadTouches
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_pad import virtual_pad
-from softfuse.sensing.senses import Sensed
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.newton import Newton, solve
+from softfuse.mechanics.solution import RESULTS, State
+from softfuse.sensors.senses import Sensed
 
 FORCES_N = np.array([6.0, 3.0])
 SHARES = np.array([0.0, 1 / 3, 2 / 3, 1.0])

@@ -19,10 +19,6 @@ import pytest
 from softfuse.body import LINEAR, TAYLOR_HOOD, Body, mesh_for
 from softfuse.body.element import Element
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
-from softfuse.mechanics.dense import Dense
-from softfuse.mechanics.linear_solver import AbstractLinearSolver
-from softfuse.mechanics.multifrontal import Multifrontal
-from softfuse.mechanics.punch import PunchContact
 from softfuse.estimation.device import Device
 from softfuse.experiment.mutual_field import Thing
 from softfuse.experiment.mutual_figures import image_of
@@ -31,9 +27,13 @@ from softfuse.functional import Cavity
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
+from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.linear_solver import AbstractLinearSolver
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
-from softfuse.sensing.mutual_model import MutualModel, mutual_model
+from softfuse.sensors.mutual_model import MutualModel, mutual_model
 
 jax.config.update("jax_enable_x64", True)
 

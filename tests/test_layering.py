@@ -1,9 +1,9 @@
 """The data flow of the design as import arrows, and the house rules that can be read off the source.
 
-    mesh < material < body < functional < mechanics < rom < sensing < estimation < fusion
-         < calibration, design, experiment
+    io < mesh < material < body < functional < mechanics < rom < sensors < estimation < fusion
+       < calibration, design, experiment
 
-A stage imports from the left only; hardware from sensing, estimation and their left; config from all
+A stage imports from the left only; hardware from sensors, estimation and their left; config from all
 but hardware and cli; cli from everything; everything may import the errors.
 """
 
@@ -20,7 +20,7 @@ PACKAGE = ROOT / "softfuse"
 FILES = sorted(PACKAGE.rglob("*.py"))
 
 LINE = (
-    *("mesh", "material", "body", "functional", "mechanics", "rom", "sensing", "estimation"),
+    *("io", "mesh", "material", "body", "functional", "mechanics", "rom", "sensors", "estimation"),
     "fusion",
 )
 ENDS = ("calibration", "design", "experiment")
@@ -158,13 +158,13 @@ def test_a_file_is_short(path: Path) -> None:
         ("body", "import softfuse.mesh.tetmesh", False),
         ("body", "def f():\n    import softfuse.estimation", True),
         ("body", "from softfuse import estimation", True),
-        ("body", "from .. import sensing", True),
+        ("body", "from .. import sensors", True),
         ("body", "from ..mesh import tetmesh", False),
         ("body", "from . import element", False),
         ("body", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from ..cli import main", True),
         ("estimation", "from softfuse.config import load", True),
         ("calibration", "from softfuse.design import layout", True),
-        ("sensing", "from softfuse.hardware import recording", True),
+        ("sensors", "from softfuse.hardware import recording", True),
         ("hardware", "from softfuse.estimation import step", False),
         ("hardware", "from softfuse.config import load", True),
         ("config", "from softfuse.hardware import recording", True),

@@ -16,12 +16,12 @@ from jaxtyping import Array, Float, Int
 
 from softfuse.body.body import Body
 from softfuse.body.stiffness_field import TERMS, with_field
-from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device, with_body
 from softfuse.material.base import AbstractMaterial, constant
 from softfuse.material.neo_hookean import NeoHookean
 from softfuse.material.yeoh import Yeoh
+from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.morph import wall_fields
 from softfuse.mesh.tetmesh import TetMesh
 

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from softfuse.calibration.adjustment import AbstractAdjustment, Measure
+from softfuse.estimation.device import Device, with_attached
 from softfuse.mechanics.cable import ShortenedCable
 from softfuse.mechanics.gas import SealedGas
-from softfuse.estimation.device import Device, with_attached
 
 _TYPICAL_STRAIN = 1e-3
 """Of a cable under the largest tension, where none is configured: a wire's is some ten-thousandths, that of

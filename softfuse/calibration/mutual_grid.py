@@ -8,7 +8,7 @@ gains a that are not far from one,
     min over t, R, contact_counts, χ, a, k_i of
         Σ ((u_i − image_i) / σ_i)² + Σ ((a − 1) / σ_a)² + ((χ − χ₀) / σ_χ)²,
 
-u of `sensing.mutual_model`, σ_i² = noise² + (model error · peak_i)². What is left is the model's error where
+u of `sensors.mutual_model`, σ_i² = noise² + (model error · peak_i)². What is left is the model's error where
 that is larger than the one given, which has to cover what was not tried: other fingers, hovering ones.
 """
 
@@ -21,7 +21,7 @@ import optimistix as optx
 from jaxtyping import Float
 
 from softfuse.errors import SoftfuseError
-from softfuse.sensing.mutual_model import MutualModel, Sources, source_signals
+from softfuse.sensors.mutual_model import MutualModel, Sources, source_signals
 
 _GAIN_SIGMA = 0.1
 _CROSSTALK_SIGMA = 0.05

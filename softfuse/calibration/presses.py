@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from softfuse.calibration.adjustment import Adjustments
-from softfuse.mechanics.load import AbstractContact
-from softfuse.mechanics.solution import RESULTS, Solution, State
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.side_by_side import shared_out
+from softfuse.mechanics.load import AbstractContact
+from softfuse.mechanics.solution import RESULTS, Solution, State
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from softfuse.calibration.presses import Answer, Applied, Presses
 from softfuse.config import DeviceConfig
 from softfuse.config.file import Edits
 from softfuse.hardware.recording import Recording
-from softfuse.sensing.senses import AbstractSenses, Sensed
+from softfuse.sensors.senses import AbstractSenses, Sensed
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ import numpy as np
 
 from softfuse.cli.trial import AbstractTrial, Asked
 from softfuse.config.build_device import with_contact_model
-from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
+from softfuse.mechanics.punch import PunchContact
 
 
 class DiscTrial(AbstractTrial):

@@ -49,10 +49,10 @@ def check_solvers() -> list[Finding]:
     import jax
 
     from softfuse.body import QUADRATIC, TAYLOR_HOOD, Body, Element, mesh_for
+    from softfuse.material import NeoHookean
     from softfuse.mechanics.linear_solver import AbstractLinearSolver
     from softfuse.mechanics.multifrontal import Multifrontal
     from softfuse.mechanics.sparse import SparseCholesky, SparseLU
-    from softfuse.material import NeoHookean
     from softfuse.mesh.kuhn import kuhn_grid
     from softfuse.mesh.orientation import oriented
     from softfuse.mesh.tetmesh import tet_mesh

@@ -9,10 +9,10 @@ import numpy as np
 from softfuse.cli.study import known
 from softfuse.cli.trial import AbstractTrial, Asked
 from softfuse.config.build_watched import build_watched
-from softfuse.config.quantity import FORCE, LENGTH
+from softfuse.errors import SoftfuseError
+from softfuse.io.quantity import FORCE, LENGTH
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.load import AbstractLoad
-from softfuse.errors import SoftfuseError
 
 
 class ElectrodeTrial(AbstractTrial):

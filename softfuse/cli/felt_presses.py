@@ -15,7 +15,7 @@ from softfuse.cli.terminal import tracked
 from softfuse.errors import RecordingError, SoftfuseError
 from softfuse.estimation.compiled_senses import CompiledSenses
 from softfuse.hardware.recording import Recording
-from softfuse.sensing.senses import Sensed
+from softfuse.sensors.senses import Sensed
 
 
 def chosen_frames(

@@ -15,7 +15,7 @@ from softfuse.config.build_tracker import build_senses
 from softfuse.estimation.model_error import missed
 from softfuse.experiment.contact_accuracy import NOWHERE
 from softfuse.hardware.recording import Recording
-from softfuse.sensing.finger_senses import FingerSenses
+from softfuse.sensors.finger_senses import FingerSenses
 
 _LIGHT = 0.1
 """Of the largest force, with which a finger is pushed where nothing is known of any."""

@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from softfuse.cli.finger_truth import FingerTruth
-from softfuse.mechanics.solution import State
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.contact_accuracy import NOWHERE, ContactSamples
 from softfuse.experiment.posture import Posture
 from softfuse.experiment.shape_accuracy import ShapeSamples
-from softfuse.sensing.status import Status
+from softfuse.mechanics.solution import State
+from softfuse.sensors.status import Status
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,13 +13,13 @@ from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
-from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 from softfuse.estimation.tracked import Tracked
 from softfuse.estimation.tracker import Tracker
 from softfuse.fusion.fusion import Fused, Fusion
 from softfuse.hardware.live.follower import ChannelGroup, Fields, Follower
 from softfuse.hardware.record.entries import Kind
+from softfuse.mechanics.solution import State
 
 
 @dataclass(frozen=True, eq=False)

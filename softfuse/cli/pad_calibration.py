@@ -25,7 +25,7 @@ from softfuse.config.build_electrodes import baseline_edits, gain_edits, with_ga
 from softfuse.config.build_tracker import build_senses
 from softfuse.config.contact import DiscSettings
 from softfuse.estimation.reading_spread import write_spread
-from softfuse.sensing.pad_senses import PadSenses
+from softfuse.sensors.pad_senses import PadSenses
 
 
 @dataclass(frozen=True, eq=False)

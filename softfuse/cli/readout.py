@@ -12,10 +12,10 @@ from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
 from softfuse.config.build_watched import build_watched
 from softfuse.config.contact import DiscSettings, PatchSettings
-from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.contact_accuracy import NOWHERE
+from softfuse.mechanics.solution import State
 
 Value = float | str
 """A number, NaN where it is not known, or text, empty where there is none."""

@@ -15,7 +15,7 @@ from softfuse.estimation.tracked import Tracked
 from softfuse.experiment import figures
 from softfuse.experiment.report import page, picture, spread_table, table
 from softfuse.mesh.files import write_mesh
-from softfuse.sensing.status import Status
+from softfuse.sensors.status import Status
 
 _TIME, _LATENCY = Column("time_s", 4), Column("latency_ms", 2)
 

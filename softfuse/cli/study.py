@@ -16,12 +16,12 @@ from softfuse.cli.joined import Joined
 from softfuse.cli.readout import AbstractReadout, Value
 from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
-from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 from softfuse.estimation.shape_spread import displacement_sigma
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.accuracy import Spread
 from softfuse.hardware.recording import Recording
+from softfuse.mechanics.solution import State
 
 
 @dataclass(frozen=True, eq=False)

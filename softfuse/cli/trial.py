@@ -8,8 +8,8 @@ from jaxtyping import Array, Float
 
 from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
-from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
+from softfuse.mechanics.solution import State
 
 
 @dataclass(frozen=True, eq=False)

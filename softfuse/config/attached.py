@@ -10,7 +10,8 @@ from annotated_types import Ge, Le
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from softfuse.body.base import AbstractBody
-from softfuse.config.quantity import (
+from softfuse.functional.cavity import Cavity
+from softfuse.io.quantity import (
     Compliance,
     Length,
     Number,
@@ -21,10 +22,9 @@ from softfuse.config.quantity import (
     Volume,
     wrong_value,
 )
-from softfuse.config.settings import Direction, NotEmpty, Settings, Vector, listed
+from softfuse.io.settings import Direction, NotEmpty, Settings, Vector, listed
 from softfuse.mechanics.cable import PulledCable
 from softfuse.mechanics.gas import SealedGas
-from softfuse.functional.cavity import Cavity
 
 
 def _apart(points: tuple[Vector, ...]) -> tuple[Vector, ...]:

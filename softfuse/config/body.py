@@ -10,9 +10,9 @@ from pydantic import Field, model_validator
 from softfuse.body.stiffness_field import TERMS
 from softfuse.config.cavity_shapes import AnyCavityShape
 from softfuse.config.material import Material
-from softfuse.config.quantity import Acceleration, Length, LengthUnit, Number, PositiveLength, wrong_value
-from softfuse.config.settings import ExistingFile, NotEmpty, Settings, Span, Vector
 from softfuse.design.layout_drawing import LayoutDrawing
+from softfuse.io.quantity import Acceleration, Length, LengthUnit, Number, PositiveLength, wrong_value
+from softfuse.io.settings import ExistingFile, NotEmpty, Settings, Span, Vector
 from softfuse.mesh.drawing import AbstractBlockDrawing
 from softfuse.mesh.files import read_mesh, read_surface
 from softfuse.mesh.finger import FingerGeometry, finger_mesh

@@ -9,10 +9,10 @@ from jaxtyping import Array, Float
 
 from softfuse.config.design_plan import AXES, DesignPlan
 from softfuse.config.device import DeviceConfig
-from softfuse.mechanics.cable import PulledCable
-from softfuse.mechanics.points import PointPorts
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device, with_attached
+from softfuse.mechanics.cable import PulledCable
+from softfuse.mechanics.points import PointPorts
 
 
 class CableRoute(eqx.Module):

@@ -29,11 +29,11 @@ from softfuse.config.contact import DiscSettings, PatchSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.config.file import Edits, Key
 from softfuse.config.material import Material, OneModulus, SeveralModuli
-from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.material.base import AbstractMaterial
 from softfuse.material.yeoh import Yeoh
+from softfuse.mechanics.punch import PunchContact
 
 
 def fitted_device(config: DeviceConfig, device: Device) -> Device:

@@ -13,15 +13,15 @@ from softfuse.config.build_material import build_materials
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.contact import PatchSettings, PunchSettings, UniformSettings
 from softfuse.config.device import DeviceConfig
-from softfuse.mechanics.load import Loads
-from softfuse.mechanics.multifrontal import Multifrontal
-from softfuse.mechanics.patch import PatchContact
-from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import StepSettings
 from softfuse.estimation.limits import Limits, Rates
 from softfuse.functional.cavity import Cavity
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.surface import outer_surface
 
 CONTACT_MODELS = {"punch": PunchSettings.cells, "uniform": UniformSettings.cells}

@@ -16,7 +16,7 @@ from softfuse.config.file import Edits
 from softfuse.config.mutual import MutualSettings
 from softfuse.config.sensors import CapacitiveSettings
 from softfuse.errors import ConfigError
-from softfuse.sensing.place_information import charge_of, place_told_by_grid, place_told_by_lines
+from softfuse.sensors.place_information import charge_of, place_told_by_grid, place_told_by_lines
 
 _KINDS = ("columns", "rows")
 """In the order of the coordinates that they are at."""

@@ -5,7 +5,7 @@ from functools import partial
 from softfuse.config.device import DeviceConfig
 from softfuse.config.sealed_sensors import ElectrodeSettings, LeakSettings, PressureSettings, TareSettings
 from softfuse.errors import ConfigError
-from softfuse.sensing import (
+from softfuse.sensors import (
     ElectrodeDetector,
     LeakTest,
     PressureSensor,

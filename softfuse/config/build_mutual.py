@@ -8,12 +8,12 @@ from softfuse.config.contact import DiscSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.config.mutual import MutualSettings
 from softfuse.errors import ConfigError
-from softfuse.sensing.capacitive import capacitive_array
-from softfuse.sensing.mutual import MutualGrid
-from softfuse.sensing.mutual_fit import splitting
-from softfuse.sensing.mutual_model import mutual_model
-from softfuse.sensing.mutual_senses import MutualSenses
-from softfuse.sensing.touch_tracks import touch_follower
+from softfuse.sensors.capacitive import capacitive_array
+from softfuse.sensors.mutual import MutualGrid
+from softfuse.sensors.mutual_fit import splitting
+from softfuse.sensors.mutual_model import mutual_model
+from softfuse.sensors.mutual_senses import MutualSenses
+from softfuse.sensors.touch_tracks import touch_follower
 
 
 def build_mutual_senses(config: DeviceConfig) -> MutualSenses:

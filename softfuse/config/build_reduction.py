@@ -13,11 +13,11 @@ from softfuse.config.build_device import build_limits
 from softfuse.config.contact import DiscSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.config.digest import digest
-from softfuse.mechanics.punch import PunchContact
-from softfuse.mechanics.solution import RESULTS
 from softfuse.errors import ConfigError, SolveError
 from softfuse.estimation.atlas import Atlas, AtlasFolder
 from softfuse.estimation.device import Device, simulate
+from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.solution import RESULTS
 from softfuse.rom.cells import AbstractRegions, Cells, Electrodes
 from softfuse.rom.chart import Chart
 from softfuse.rom.load_paths import LoadPath, presses, pushes

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 from softfuse.config.device import DeviceConfig
 from softfuse.config.sensors import CapacitiveSettings, FlowSettings
 from softfuse.errors import ConfigError
-from softfuse.sensing import (
+from softfuse.sensors import (
     CapacitiveArray,
     FlowSensor,
     PadSensors,

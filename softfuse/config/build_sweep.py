@@ -19,10 +19,10 @@ from softfuse.config.sweep_plan import (
     RandomPlaces,
     SweepPlan,
 )
-from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.experiment.sweep import Series
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
 
 MOST_CASES = 1_000_000
 _TRIES = 10_000

@@ -16,11 +16,11 @@ from softfuse.estimation.device import Device
 from softfuse.estimation.model_error import ModelError
 from softfuse.estimation.reading_spread import read_spread
 from softfuse.estimation.tracker import Tracker, TrackerSettings
-from softfuse.sensing.array_pose import ArrayPose
-from softfuse.sensing.finger_senses import FingerSenses
-from softfuse.sensing.mutual_senses import MutualSenses
-from softfuse.sensing.pad_senses import PadSenses, fitted_location, mean_location
-from softfuse.sensing.senses import AbstractSenses
+from softfuse.sensors.array_pose import ArrayPose
+from softfuse.sensors.finger_senses import FingerSenses
+from softfuse.sensors.mutual_senses import MutualSenses
+from softfuse.sensors.pad_senses import PadSenses, fitted_location, mean_location
+from softfuse.sensors.senses import AbstractSenses
 
 _LOCATE = {"peak-fit": fitted_location, "weighted-mean": mean_location}
 

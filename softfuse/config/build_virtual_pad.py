@@ -30,7 +30,7 @@ from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadTouches, one_after_the_other
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_pad import PadSettings, Touch
-from softfuse.sensing.mutual_model import mean_pitch
+from softfuse.sensors.mutual_model import mean_pitch
 
 _PLACES = ((0.6, 0.5), (-0.5, 0.1), (0.1, -0.7), (-0.8, -0.8))
 """From the middle of the workspace to its ends (±1)."""

@@ -4,8 +4,8 @@ from typing import Annotated
 
 from annotated_types import Ge
 
-from softfuse.config.quantity import Angle, Length, Number, PositiveNumber
-from softfuse.config.settings import Settings
+from softfuse.io.quantity import Angle, Length, Number, PositiveNumber
+from softfuse.io.settings import Settings
 
 
 class CalibrationSettings(Settings):

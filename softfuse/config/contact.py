@@ -11,19 +11,19 @@ from jaxtyping import Float, Int
 from pydantic import Field
 
 from softfuse.config.attached import ElectrodePlace
-from softfuse.config.quantity import (
+from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.pressure_cells import PressureCells, flat_punch, uniform
+from softfuse.io.quantity import (
     LayerCompliance,
     PositiveForce,
     PositiveInteger,
     PositiveLength,
     wrong_value,
 )
-from softfuse.config.settings import Direction, Range, Settings
+from softfuse.io.settings import Direction, Range, Settings
 from softfuse.mechanics.load import AbstractContact
 from softfuse.mechanics.patch import PatchContact
 from softfuse.mechanics.punch import PunchContact
-from softfuse.functional.contact import Contact, ContactSurface
-from softfuse.functional.pressure_cells import PressureCells, flat_punch, uniform
 
 
 class Workspace(Settings):

@@ -10,7 +10,8 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from softfuse.config.cavity_shapes import RoundedBoxSettings, SuperellipsoidSettings
 from softfuse.config.file import file_text, validated
-from softfuse.config.quantity import (
+from softfuse.config.sweep_plan import AnyPlaces
+from softfuse.io.quantity import (
     ANGLE,
     LENGTH,
     Force,
@@ -24,8 +25,7 @@ from softfuse.config.quantity import (
     Volume,
     wrong_value,
 )
-from softfuse.config.settings import ExistingFile, FileSettings, NotEmpty, Settings, Vector
-from softfuse.config.sweep_plan import AnyPlaces
+from softfuse.io.settings import ExistingFile, FileSettings, NotEmpty, Settings, Vector
 
 AXES = ("x", "y", "z")
 """Names of the coordinates of a guide."""

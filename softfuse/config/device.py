@@ -16,7 +16,10 @@ from softfuse.config.attached import (
 from softfuse.config.body import BodySettings
 from softfuse.config.calibration import CalibrationSettings
 from softfuse.config.contact import AnyContact, DiscSettings, PatchSettings
-from softfuse.config.quantity import (
+from softfuse.config.reduction import ReductionSettings
+from softfuse.config.sensor_set import SensorSettings
+from softfuse.config.source import AnySource, check_sources
+from softfuse.io.quantity import (
     Integer,
     Number,
     PositiveInteger,
@@ -24,10 +27,7 @@ from softfuse.config.quantity import (
     PositiveNumber,
     wrong_value,
 )
-from softfuse.config.reduction import ReductionSettings
-from softfuse.config.sensor_set import SensorSettings
-from softfuse.config.settings import ExistingFile, FileSettings, Settings, Vector
-from softfuse.config.source import AnySource, check_sources
+from softfuse.io.settings import ExistingFile, FileSettings, Settings, Vector
 
 
 class NameSettings(Settings):

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from softfuse.config.settings import FileSettings
+from softfuse.io.settings import FileSettings
 
 
 def digest(settings: FileSettings, parts: set[str] | None = None) -> str:

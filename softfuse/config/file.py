@@ -11,9 +11,9 @@ import tomlkit.exceptions
 from pydantic import ValidationError
 
 from softfuse.config.device import DeviceConfig
-from softfuse.config.problems import key_path, problem_lines
-from softfuse.config.settings import FileSettings
 from softfuse.errors import ConfigError
+from softfuse.io.problems import key_path, problem_lines
+from softfuse.io.settings import FileSettings
 
 TopTable = TypeVar("TopTable", bound=FileSettings)
 

@@ -11,8 +11,8 @@ from typing import Annotated, ClassVar, Literal, Self
 from annotated_types import Ge
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
-from softfuse.config.quantity import Density, Number, PositivePressure, Pressure, wrong_value
-from softfuse.config.settings import NotEmpty, Settings
+from softfuse.io.quantity import Density, Number, PositivePressure, Pressure, wrong_value
+from softfuse.io.settings import NotEmpty, Settings
 
 
 def _physical(poisson: float) -> float:

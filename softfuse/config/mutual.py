@@ -1,6 +1,6 @@
 """A grid of mutual capacitances, and the columns of a recording in which its cells write.
 
-The keys are the parameters of softfuse/sensing (mutual_model, mutual_fit, touch_tracks), where they are
+The keys are the parameters of softfuse/sensors (mutual_model, mutual_fit, touch_tracks), where they are
 explained in full. Defaults are those of the sensing stage, and a test keeps them equal.
 """
 
@@ -9,7 +9,8 @@ from typing import Annotated, Literal, Self
 from annotated_types import Ge
 from pydantic import model_validator
 
-from softfuse.config.quantity import (
+from softfuse.config.sensors import Channels
+from softfuse.io.quantity import (
     Integer,
     Number,
     PositiveInteger,
@@ -18,9 +19,8 @@ from softfuse.config.quantity import (
     PositiveTime,
     wrong_value,
 )
-from softfuse.config.sensors import Channels
-from softfuse.config.settings import Positions, Settings
-from softfuse.sensing.touch_tracks import MOST_TRACKS
+from softfuse.io.settings import Positions, Settings
+from softfuse.sensors.touch_tracks import MOST_TRACKS
 
 
 class MutualBaselineSettings(Settings):

@@ -1,7 +1,7 @@
 """How the body is reduced for real time."""
 
-from softfuse.config.quantity import PositiveForce, PositiveInteger, PositiveLength, PositiveNumber
-from softfuse.config.settings import Settings
+from softfuse.io.quantity import PositiveForce, PositiveInteger, PositiveLength, PositiveNumber
+from softfuse.io.settings import Settings
 
 
 class ReductionSettings(Settings):

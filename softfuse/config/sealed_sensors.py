@@ -1,6 +1,6 @@
 """Pressure sensors, electrodes and cables' lengths, and the columns of a recording in which they write.
 
-The keys are the parameters of softfuse/sensing, where they are explained in full. Defaults are those of the
+The keys are the parameters of softfuse/sensors, where they are explained in full. Defaults are those of the
 sensing stage, and a test keeps them equal.
 """
 
@@ -9,7 +9,8 @@ from typing import Annotated, Literal, Self
 from annotated_types import Ge, Le, Lt
 from pydantic import BeforeValidator, model_validator
 
-from softfuse.config.quantity import (
+from softfuse.config.sensors import BaselineSettings, Channels
+from softfuse.io.quantity import (
     Duration,
     Integer,
     Length,
@@ -24,8 +25,7 @@ from softfuse.config.quantity import (
     Voltage,
     wrong_value,
 )
-from softfuse.config.sensors import BaselineSettings, Channels
-from softfuse.config.settings import NotEmpty, Settings, listed
+from softfuse.io.settings import NotEmpty, Settings, listed
 
 
 class TareSettings(Settings):

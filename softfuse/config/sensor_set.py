@@ -10,11 +10,11 @@ from typing import Self, TypeVar
 from pydantic import Field, model_validator
 
 from softfuse.config.mutual import MutualSettings
-from softfuse.config.quantity import wrong_value
 from softfuse.config.sealed_sensors import CableLengthSettings, ElectrodeSettings, PressureSettings
 from softfuse.config.sensors import CapacitiveSettings, FlowSettings
-from softfuse.config.settings import FileSettings, Settings
 from softfuse.errors import ConfigError
+from softfuse.io.quantity import wrong_value
+from softfuse.io.settings import FileSettings, Settings
 
 _S = TypeVar("_S", bound=Settings)
 

@@ -1,6 +1,6 @@
 """Flow sensors and crossed lines of electrodes, and the columns of a recording in which they write.
 
-The keys are the parameters of softfuse/sensing, where they are explained in full. Defaults are those of the
+The keys are the parameters of softfuse/sensors, where they are explained in full. Defaults are those of the
 sensing stage, and a test keeps them equal.
 """
 
@@ -9,7 +9,7 @@ from typing import Annotated, Literal, Self
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BeforeValidator, model_validator
 
-from softfuse.config.quantity import (
+from softfuse.io.quantity import (
     Angle,
     Duration,
     FlowSensitivity,
@@ -26,7 +26,7 @@ from softfuse.config.quantity import (
     VoltageWalk,
     wrong_value,
 )
-from softfuse.config.settings import NotEmpty, Positions, Settings, listed
+from softfuse.io.settings import NotEmpty, Positions, Settings, listed
 
 Channels = Annotated[tuple[str, ...], NotEmpty]
 """Names of columns of a recording."""
@@ -125,7 +125,7 @@ class PeakSettings(Settings):
 
 
 class PoseSettings(Settings):
-    """Where the array lies on the body, see `sensing.array_pose`.
+    """Where the array lies on the body, see `sensors.array_pose`.
 
     shift in m along x and y, turn in rad, stretch along x and y; sigma_factor: by how much locations spread
     wider than the fit of a peak promises; dent_part: by which part of a dent's depth they do besides.

@@ -10,8 +10,8 @@ from typing import Annotated, Literal, Self
 from annotated_types import Gt
 from pydantic import AfterValidator, Field, model_validator
 
-from softfuse.config.quantity import Frequency, PositiveInteger, PositiveNumber, wrong_value
-from softfuse.config.settings import Settings
+from softfuse.io.quantity import Frequency, PositiveInteger, PositiveNumber, wrong_value
+from softfuse.io.settings import Settings
 
 Preset = Literal[
     "mpr121-bare-conductive", "mpr121-adafruit", "fdc1004-single", "fdc1004-multi", "trill-craft", "muca"

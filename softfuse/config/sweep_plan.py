@@ -12,7 +12,7 @@ from annotated_types import Ge, Gt, Le
 from pydantic import BeforeValidator, Field, model_validator
 
 from softfuse.config.file import file_text, validated
-from softfuse.config.quantity import (
+from softfuse.io.quantity import (
     Force,
     Integer,
     Length,
@@ -20,7 +20,7 @@ from softfuse.config.quantity import (
     PositiveNumber,
     wrong_value,
 )
-from softfuse.config.settings import Ascending, FileSettings, NotEmpty, Range, Settings, listed
+from softfuse.io.settings import Ascending, FileSettings, NotEmpty, Range, Settings, listed
 
 Quantity = TypeVar("Quantity", bound=float)
 

@@ -84,7 +84,7 @@ class Problem:
     `MaterialPoints.embedded` finds them; follow: what else of a device follows parameters (p,) besides its
     cavities, differentiably; guides: points (m, 3) m in the material with parameters (p,) that have to be as
     far from cavities as walls are thick, such as those of a cable; touched: information (s, 2, 2) 1/m² of
-    electrodes on each place with parameters (p,), differentiable, see `sensing.place_information`.
+    electrodes on each place with parameters (p,), differentiable, see `sensors.place_information`.
     """
 
     layout: AbstractLayout

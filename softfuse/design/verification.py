@@ -11,10 +11,10 @@ from jaxtyping import Array, Float, Int
 from softfuse.body.body import Body
 from softfuse.design.facing import Facing
 from softfuse.design.straining import largest_stretch
-from softfuse.mechanics.solution import RESULTS
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.side_by_side import side_by_side
+from softfuse.mechanics.solution import RESULTS
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from softfuse.estimation.kept_programs import lowered
 from softfuse.estimation.packing import Packed, Packing
-from softfuse.sensing.senses import AbstractSenses, Sensed
+from softfuse.sensors.senses import AbstractSenses, Sensed
 
 
 @dataclass(frozen=True, eq=False)

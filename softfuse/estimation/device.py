@@ -15,12 +15,12 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
+from softfuse.functional.base import AbstractFunctional
 from softfuse.mechanics.gas import SealedGas
 from softfuse.mechanics.linear_solver import AbstractLinearSolver
 from softfuse.mechanics.load import AbstractContact, AbstractLoad, Loads
 from softfuse.mechanics.newton import Newton, solve
 from softfuse.mechanics.solution import Solution, State
-from softfuse.functional.base import AbstractFunctional
 
 _Load = TypeVar("_Load", bound=AbstractLoad)
 

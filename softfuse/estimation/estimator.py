@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.live_step import LiveStep, Ready
 from softfuse.estimation.step import Observation, StepReport
+from softfuse.mechanics.solution import State
 
 
 @dataclass(frozen=True)

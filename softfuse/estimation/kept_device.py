@@ -15,14 +15,14 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.body.body import Body
-from softfuse.mechanics.load import AbstractLoad
-from softfuse.mechanics.patch import PatchContact
-from softfuse.mechanics.punch import PunchContact
-from softfuse.mechanics.volume import VolumePorts
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
 from softfuse.functional.base import AbstractFunctional
 from softfuse.functional.cavity import Cavity
+from softfuse.mechanics.load import AbstractLoad
+from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.volume import VolumePorts
 from softfuse.rom.basis import Basis
 from softfuse.rom.body_arrays import Arrays, body_arrays, body_of, of_nodes
 from softfuse.rom.known_inverses import KnownInverses, ReducedDense

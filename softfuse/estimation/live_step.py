@@ -18,14 +18,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from softfuse.mechanics.linearised import loaded_tangents
-from softfuse.mechanics.solution import State
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device
 from softfuse.estimation.kept_programs import lowered
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.packing import Packed, Packing
 from softfuse.estimation.step import Observation, PlacePrior, StepReport, estimate_step
+from softfuse.mechanics.linearised import loaded_tangents
+from softfuse.mechanics.solution import State
 
 _LEAST_MOTION = 1e-3
 """The part of the whole motion below which what a step leaves to do is noise."""

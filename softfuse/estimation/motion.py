@@ -18,12 +18,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from softfuse.estimation.device import Device
 from softfuse.mechanics.interface import slopes
 from softfuse.mechanics.linear_solver import Solve
 from softfuse.mechanics.linearised import Linearised, coupled, linearise, settled_on, stiffness_map
 from softfuse.mechanics.load import HeldLoads
 from softfuse.mechanics.solution import State
-from softfuse.estimation.device import Device
 
 _CLOSE = 0.15
 """A first refinement that is smaller than this part of the solution leaves an error of its square."""

@@ -13,11 +13,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from softfuse.mechanics.solution import State
 from softfuse.estimation.bounded_qp import solve_bounded_qp
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
+from softfuse.mechanics.solution import State
 
 
 class Converged(eqx.Module):

@@ -19,11 +19,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.mechanics.punch import PunchContact
-from softfuse.mechanics.solution import RESULTS
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.side_by_side import side_by_side
+from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.solution import RESULTS
 
 _PER = np.array([1.0, 1e3, 1e3])
 """Force in N, places in mm."""

@@ -16,7 +16,7 @@ from softfuse.estimation.device import Device
 from softfuse.estimation.reading_pattern import PatternFit, ReadingPattern
 from softfuse.estimation.sought_places import SoughtPlaces
 from softfuse.estimation.step import PlacePrior
-from softfuse.sensing.senses import Sensed
+from softfuse.sensors.senses import Sensed
 
 
 class Placed(NamedTuple):

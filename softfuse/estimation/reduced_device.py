@@ -4,13 +4,13 @@ from dataclasses import replace
 from itertools import groupby
 
 from softfuse.body.body import Body
-from softfuse.mechanics.load import Loads
-from softfuse.mechanics.patch import PatchContact
-from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device
 from softfuse.functional.base import AbstractFunctional
 from softfuse.functional.cavity import Cavity
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.punch import PunchContact
 from softfuse.rom.chart import Chart
 from softfuse.rom.known_inverses import KnownInverses, ReducedDense
 from softfuse.rom.projected_ports import projected_discs, projected_load, projected_patches

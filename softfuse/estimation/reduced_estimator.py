@@ -18,7 +18,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from softfuse.body.body import Body
-from softfuse.mechanics.solution import State
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.atlas import Atlas
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimate, Estimator, StepSettings
@@ -26,6 +25,7 @@ from softfuse.estimation.kept_device import Kept
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.live_step import Ready
 from softfuse.estimation.step import Observation
+from softfuse.mechanics.solution import State
 from softfuse.rom.body_arrays import of_nodes
 from softfuse.rom.reduced_body import ReducedBody
 from softfuse.rom.rest_stiffness import RestStiffness, rest_stiffness

@@ -18,12 +18,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from softfuse.estimation.device import Device
 from softfuse.mechanics.interface import slopes
 from softfuse.mechanics.linear_solver import Solve
 from softfuse.mechanics.linearised import Coupled, coupled, linearise, settled_on, unbalanced
 from softfuse.mechanics.newton import tangent_at
 from softfuse.mechanics.solution import State
-from softfuse.estimation.device import Device
 
 
 class RestResponse(eqx.Module):

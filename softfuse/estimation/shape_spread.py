@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.mechanics.newton import tangent_at
-from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 from softfuse.estimation.motion import motion
+from softfuse.mechanics.newton import tangent_at
+from softfuse.mechanics.solution import State
 
 
 def displacement_sigma(

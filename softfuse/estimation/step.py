@@ -30,14 +30,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from softfuse.mechanics.linear_solver import Solve
-from softfuse.mechanics.load import Loads
-from softfuse.mechanics.newton import tangent_at
-from softfuse.mechanics.solution import State
 from softfuse.estimation.bounded_qp import Rows, solve_bounded_qp
 from softfuse.estimation.device import Device
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.motion import motion
+from softfuse.mechanics.linear_solver import Solve
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.newton import tangent_at
+from softfuse.mechanics.solution import State
 
 _IN_PLANE = np.eye(2, 3)
 """From x and y to a location."""

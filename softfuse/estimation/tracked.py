@@ -6,8 +6,8 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import Bool, Float
 
-from softfuse.sensing.reading_drift import ReadingDrift
-from softfuse.sensing.status import Status
+from softfuse.sensors.reading_drift import ReadingDrift
+from softfuse.sensors.status import Status
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from softfuse.mechanics.solution import State
 from softfuse.estimation.atlas import Atlas
 from softfuse.estimation.compiled_senses import CompiledSenses, Finding
 from softfuse.estimation.device import Device
@@ -27,8 +26,9 @@ from softfuse.estimation.place_search import Placed, PlaceSearch, as_seen, unsee
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation
 from softfuse.estimation.tracked import Evidence, Frame, Tracked
-from softfuse.sensing.senses import AbstractSenses, Sensed
-from softfuse.sensing.status import Status
+from softfuse.mechanics.solution import State
+from softfuse.sensors.senses import AbstractSenses, Sensed
+from softfuse.sensors.status import Status
 
 _AT_LEISURE_S = 2.0
 """After so long there is time to make ready what most touches do without."""

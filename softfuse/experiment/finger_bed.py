@@ -31,13 +31,13 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.body.body import Body
-from softfuse.mechanics.linear_solver import AbstractLinearSolver
-from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.experiment.finger_electronics import Electronics, Readings, readings
 from softfuse.experiment.finger_motion import Motion, Timing, motion
 from softfuse.experiment.finger_pushes import FingerSolver, Push, Steps, equilibria
 from softfuse.experiment.recording_file import Columns, write_recording
 from softfuse.experiment.virtual_finger import FingerSettings, virtual_finger
+from softfuse.mechanics.linear_solver import AbstractLinearSolver
+from softfuse.mechanics.multifrontal import Multifrontal
 
 _DEPTHS_M = (5e-3, 10e-3, 15e-3, 20e-3)
 _DEPTHS_OF_TWO_M = (2e-3, 4e-3, 6e-3, 8e-3)

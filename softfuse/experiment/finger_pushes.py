@@ -15,14 +15,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
+from softfuse.errors import ConfigError, SolveError
+from softfuse.experiment.virtual_finger import Side, VirtualFinger, rigid_tip, seen_from, set_against
 from softfuse.mechanics.linear_solver import AbstractLinearSolver
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.newton import Newton, solve
 from softfuse.mechanics.rigid_cylinder import RigidCylinder
 from softfuse.mechanics.solution import RESULTS, State
-from softfuse.errors import ConfigError, SolveError
-from softfuse.experiment.virtual_finger import Side, VirtualFinger, rigid_tip, seen_from, set_against
 
 log = logging.getLogger(__name__)
 

@@ -10,12 +10,12 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.body.body import Body
-from softfuse.mechanics.linear_solver import AbstractLinearSolver
-from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.errors import ConfigError
 from softfuse.experiment.pad_electrodes import AbstractPadElectrodes
 from softfuse.experiment.virtual_finger import Carried
 from softfuse.experiment.virtual_pad import PadPose, PadSettings, PadSolver, Touch, virtual_pad
+from softfuse.mechanics.linear_solver import AbstractLinearSolver
+from softfuse.mechanics.multifrontal import Multifrontal
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,11 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 from softfuse.functional.centreline import bending, tip_turn
 from softfuse.functional.contact import ContactSurface
 from softfuse.functional.material_points import MaterialPoints
+from softfuse.mechanics.solution import State
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,14 +18,14 @@ from jaxtyping import Float, Int
 
 from softfuse.body.body import Body
 from softfuse.body.element import TAYLOR_HOOD
-from softfuse.mechanics.cable import PulledCable, ShortenedCable
-from softfuse.mechanics.gas import SealedGas
-from softfuse.mechanics.rigid_cylinder import RigidCylinder
 from softfuse.errors import ConfigError
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.material.silicones import silicone, silicone_of_stiffness
 from softfuse.material.yeoh import Yeoh
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.rigid_cylinder import RigidCylinder
 from softfuse.mesh.finger import FingerGeometry, finger_mesh
 from softfuse.mesh.morph import reshaped_cavities
 from softfuse.mesh.surface import cavities

@@ -18,17 +18,17 @@ from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
 from softfuse.body.element import TAYLOR_HOOD
+from softfuse.errors import ConfigError, SolveError
+from softfuse.functional.cavity import Cavity
+from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.pressure_cells import flat_punch
+from softfuse.material.silicones import silicone_of_stiffness
 from softfuse.mechanics.linear_solver import AbstractLinearSolver
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.newton import Newton, solve
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.solution import RESULTS, State
-from softfuse.errors import ConfigError, SolveError
-from softfuse.functional.cavity import Cavity
-from softfuse.functional.contact import Contact, ContactSurface
-from softfuse.functional.pressure_cells import flat_punch
-from softfuse.material.silicones import silicone_of_stiffness
 from softfuse.mesh.drawing import AbstractBlockDrawing
 from softfuse.mesh.morph import reshaped_cavities
 from softfuse.mesh.surface import cavities, outer_surface

@@ -21,7 +21,7 @@ from softfuse.fusion.force_filter import ForceFilter, ForceStep
 from softfuse.fusion.normal import Normal, smoothed
 from softfuse.fusion.place_filter import PlaceStep
 from softfuse.fusion.process import DEFAULT_PROCESS, Process
-from softfuse.sensing.reading_drift import ReadingDrift
+from softfuse.sensors.reading_drift import ReadingDrift
 
 
 @dataclass(frozen=True, eq=False)

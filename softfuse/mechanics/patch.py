@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from softfuse.body.base import AbstractBody
-from softfuse.mechanics.load import AbstractContact, AbstractLoad, LinearPorts, Sizes
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.face_search import EveryFace
 from softfuse.functional.pressure_cells import PressureCells
+from softfuse.mechanics.load import AbstractContact, AbstractLoad, LinearPorts, Sizes
 
 
 class NormalPatches(AbstractLoad):

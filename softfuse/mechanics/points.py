@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
-from softfuse.mechanics.load import AbstractPorts
 from softfuse.functional.material_points import MaterialPoints
+from softfuse.mechanics.load import AbstractPorts
 
 
 class AbstractGuides(AbstractPorts):

@@ -16,8 +16,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from softfuse.body.base import AbstractBody
-from softfuse.mechanics.load import AbstractContact, AbstractLoad, LinearPorts, Sizes
 from softfuse.functional.contact import Contact
+from softfuse.mechanics.load import AbstractContact, AbstractLoad, LinearPorts, Sizes
 
 _WEIGHT = 1e-9  # N
 _SOFTENING = 1e-10  # of 1/γ: cells that a coarse mesh cannot tell apart share their force

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from softfuse.body.base import AbstractBody
-from softfuse.mechanics.load import AbstractPorts
 from softfuse.errors import MeshError
 from softfuse.functional.cavity import Cavity, cone_volume
+from softfuse.mechanics.load import AbstractPorts
 
 
 class VolumePorts(AbstractPorts):

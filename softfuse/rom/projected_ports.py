@@ -14,13 +14,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
+from softfuse.errors import SolveError
+from softfuse.functional.contact import Contact, ContactSurface, SeenFaces
 from softfuse.mechanics.load import AbstractContact, AbstractLoad, AbstractPorts, LinearPorts
 from softfuse.mechanics.patch import NormalPatches, PatchContact
 from softfuse.mechanics.points import AbstractGuides
 from softfuse.mechanics.punch import Punch, PunchContact
 from softfuse.mechanics.volume import VolumePorts
-from softfuse.errors import SolveError
-from softfuse.functional.contact import Contact, ContactSurface, SeenFaces
 from softfuse.rom.basis import Basis
 from softfuse.rom.chart import Chart
 from softfuse.rom.projected_volume import ProjectedVolumes, projected_volumes

@@ -12,14 +12,14 @@ from softfuse.body.element import LINEAR
 from softfuse.calibration.adjustment import Adjustments, Gains, Layer, Stiffening, Stiffness, Walls
 from softfuse.calibration.fit import Fit, fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
-from softfuse.mechanics.multifrontal import Multifrontal
-from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
 from softfuse.mesh.tetmesh import TetMesh

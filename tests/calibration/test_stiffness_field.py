@@ -11,8 +11,8 @@ from softfuse.body.stiffness_field import TERMS, with_field
 from softfuse.calibration.adjustment import Adjustments, Stiffness, StiffnessField
 from softfuse.calibration.fit import fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
-from softfuse.mechanics.solution import RESULTS
 from softfuse.estimation.device import Device, simulate
+from softfuse.mechanics.solution import RESULTS
 
 MADE = np.array([0.05, -0.03, 0.06, 0.02, -0.04, 0.03, -0.05, 0.04, 0.02])
 PLACES = 1e-3 * np.array(

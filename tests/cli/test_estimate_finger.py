@@ -19,7 +19,7 @@ from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
 from softfuse.estimation.tracked import Tracked
 from softfuse.hardware.recording import read_recording
-from softfuse.sensing.status import Status
+from softfuse.sensors.status import Status
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests" / "data" / "finger_one_push.csv.gz"

@@ -9,13 +9,13 @@ import pytest
 
 from softfuse.cli.finger_series import FingerSeries, finger_frame
 from softfuse.cli.finger_truth import FingerTruth, finger_truth
-from softfuse.mechanics.solution import State
 from softfuse.errors import RecordingError
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.contact_accuracy import NOWHERE
 from softfuse.experiment.posture import Posture
 from softfuse.hardware.recording import Recording, read_recording
-from softfuse.sensing.status import Status
+from softfuse.mechanics.solution import State
+from softfuse.sensors.status import Status
 
 PATCHES = np.arange(18.0).reshape(3, 2, 3)
 """Of three electrodes."""

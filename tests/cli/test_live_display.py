@@ -13,7 +13,7 @@ from softfuse.fusion.fusion import Fused
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.session import Published, Session
 from softfuse.hardware.stream import HostClock
-from softfuse.sensing.status import Status
+from softfuse.sensors.status import Status
 
 NOTHING, CALM = np.zeros(4), np.zeros(4, bool)
 

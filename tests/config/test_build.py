@@ -20,13 +20,13 @@ from softfuse.config.build_sensors import (
     touch_thresholds,
 )
 from softfuse.config.sensors import CapacitiveSettings, FlowSettings
-from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import ConfigError
+from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.files import write_mesh, write_surface
 from softfuse.mesh.shell import shell_of
 from softfuse.mesh.surface import centroid, enclosed_volume
 from softfuse.mesh.tetmesh import tet_mesh, volumes
-from softfuse.sensing import CapacitiveArray, capacitive_array, d6f_p0001a1, peak_model, touch_detector
+from softfuse.sensors import CapacitiveArray, capacitive_array, d6f_p0001a1, peak_model, touch_detector
 
 Write = Callable[..., Path]
 

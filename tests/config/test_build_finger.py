@@ -15,17 +15,17 @@ from softfuse.config.build_finger_sensors import build_finger_sensors, electrode
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.build_sensors import build_sensors
 from softfuse.config.sealed_sensors import ElectrodeSettings, PressureSettings
-from softfuse.mechanics.cable import PulledCable
-from softfuse.mechanics.gas import SealedGas
-from softfuse.mechanics.load import Loads
-from softfuse.mechanics.patch import PatchContact
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.functional.cable import length
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.contact import Contact
+from softfuse.mechanics.cable import PulledCable
+from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.patch import PatchContact
 from softfuse.mesh.surface import outer_surface
-from softfuse.sensing import electrode_detector, mpx5100a, mpx5100d
+from softfuse.sensors import electrode_detector, mpx5100a, mpx5100d
 
 Write = Callable[..., Path]
 Edited = Callable[..., DeviceConfig]

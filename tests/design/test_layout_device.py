@@ -8,17 +8,17 @@ import pytest
 from softfuse.body import Body
 from softfuse.design.layout_device import device_at
 from softfuse.design.layout_mesh import Fineness, layout_mesh
-from softfuse.mechanics.gas import SealedGas
-from softfuse.mechanics.multifrontal import Multifrontal
-from softfuse.mechanics.newton import Newton, solve
-from softfuse.mechanics.punch import PunchContact
-from softfuse.mechanics.solution import RESULTS, State
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.device import Device
 from softfuse.functional import Cavity
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
+from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.newton import Newton, solve
+from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.solution import RESULTS, State
 from softfuse.mesh.pad import finer_to_the_top
 from softfuse.mesh.surface import outer_surface
 

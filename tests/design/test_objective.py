@@ -30,14 +30,14 @@ from softfuse.design.objective import (
     measured,
 )
 from softfuse.design.problem import Problem
-from softfuse.mechanics.multifrontal import Multifrontal
-from softfuse.mechanics.punch import PunchContact
 from softfuse.estimation.device import Device
 from softfuse.functional import Cavity
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.pad import finer_to_the_top
 from softfuse.mesh.surface import outer_surface
 

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.mechanics import RESULTS
-from softfuse.mechanics.cable import PulledCable
-from softfuse.mechanics.dense import Dense
-from softfuse.mechanics.patch import PatchContact
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.limits import Limits, Rates, within_rates
 from softfuse.estimation.step import Observation, exact_steps, strokes
 from softfuse.functional import Marker, uniform
 from softfuse.material import NeoHookean
+from softfuse.mechanics import RESULTS
+from softfuse.mechanics.cable import PulledCable
+from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.patch import PatchContact
 from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.surface import boundary_faces

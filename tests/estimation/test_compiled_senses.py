@@ -13,7 +13,7 @@ from softfuse.config import load
 from softfuse.config.build_tracker import build_senses
 from softfuse.estimation.compiled_senses import CompiledSenses, Packing
 from softfuse.hardware.recording import read_recording
-from softfuse.sensing.senses import AbstractSenses
+from softfuse.sensors.senses import AbstractSenses
 
 ROOT = Path(__file__).parents[2]
 

@@ -18,7 +18,7 @@ from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.device import simulate
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker
-from softfuse.sensing.status import Status
+from softfuse.sensors.status import Status
 
 pytestmark = pytest.mark.slow
 

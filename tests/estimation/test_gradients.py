@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.mechanics.cable import PulledCable, ShortenedCable
-from softfuse.mechanics.dense import Dense
-from softfuse.mechanics.gas import SealedGas
-from softfuse.mechanics.patch import PatchContact
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.nonlinear import nonlinear_estimate
 from softfuse.estimation.step import Observation
 from softfuse.functional import Cavity, Marker, uniform
 from softfuse.material import NeoHookean
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.patch import PatchContact
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
 

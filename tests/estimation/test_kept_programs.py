@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.mechanics.sparse import SparseLU
 from softfuse.estimation import kept_programs, live_step
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimator, StepSettings
@@ -18,6 +17,7 @@ from softfuse.estimation.kept_programs import lowered
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
 from softfuse.material.base import lame_constants
+from softfuse.mechanics.sparse import SparseLU
 
 AT = jnp.array([[14e-3, -2e-3, 0.0]])
 POISSON = jnp.array([0.3, 0.49])

@@ -13,8 +13,8 @@ from softfuse.estimation.compiled_senses import Packing
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.outline import outline, tree_of
 from softfuse.estimation.step import Observation
-from softfuse.sensing.pad_senses import fitted_location, mean_location
-from softfuse.sensing.status import Status
+from softfuse.sensors.pad_senses import fitted_location, mean_location
+from softfuse.sensors.status import Status
 
 ONE = jax.ShapeDtypeStruct((3,), jnp.float64)
 

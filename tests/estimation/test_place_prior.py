@@ -5,11 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.mechanics.newton import tangent_at
 from softfuse.estimation.device import simulate
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.motion import motion
 from softfuse.estimation.step import Observation, PlacePrior, exact_steps
+from softfuse.mechanics.newton import tangent_at
 
 AT = jnp.array([[-12e-3, 3e-3, 0.0]])
 SEEN_AT = AT + jnp.array([[0.8e-3, -0.5e-3, 0.0]])

@@ -12,9 +12,9 @@ from softfuse.body import Body
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_reduction import Teacher, build_regions
-from softfuse.mechanics.solution import RESULTS
 from softfuse.estimation.device import simulate
 from softfuse.estimation.reduced_device import reduced_device
+from softfuse.mechanics.solution import RESULTS
 from softfuse.rom.rest_stiffness import rest_stiffness
 
 CHANGES = (

@@ -18,9 +18,9 @@ from softfuse.estimation.model_error import ModelError
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker, TrackerSettings
 from softfuse.hardware.recording import read_recording
-from softfuse.sensing import d6f_p0001a1
-from softfuse.sensing.pad_senses import PadSenses
-from softfuse.sensing.status import Status
+from softfuse.sensors import d6f_p0001a1
+from softfuse.sensors.pad_senses import PadSenses
+from softfuse.sensors.status import Status
 
 ROOT = Path(__file__).parents[2]
 TRUSTING = TrackerSettings(poor_fit=1e6)

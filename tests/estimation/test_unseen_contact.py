@@ -13,7 +13,7 @@ from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.hardware.recording import read_recording
-from softfuse.sensing.status import Status
+from softfuse.sensors.status import Status
 
 ROOT = Path(__file__).parents[2]
 COARSE = (

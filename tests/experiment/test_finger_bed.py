@@ -10,9 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.mechanics.load import Loads
-from softfuse.mechanics.solution import State
-from softfuse.mechanics.sparse import SparseLU
 from softfuse.errors import ConfigError, MeshError, RecordingError
 from softfuse.experiment.finger_bed import (
     CABLE_ALONE,
@@ -43,6 +40,9 @@ from softfuse.experiment.virtual_finger import (
     virtual_finger,
 )
 from softfuse.hardware.recording import read_recording
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.solution import State
+from softfuse.mechanics.sparse import SparseLU
 from softfuse.mesh.finger import FingerGeometry
 
 RADIUS, HALF = 5e-3, 6e-3

@@ -9,7 +9,6 @@ import pytest
 from softfuse.config import load
 from softfuse.config.body import PadSource
 from softfuse.config.build_virtual_pad import pad_plan
-from softfuse.mechanics.sparse import SparseLU
 from softfuse.experiment import kept_poses
 from softfuse.experiment.electrode_electronics import CellElectronics
 from softfuse.experiment.mutual_field import MutualField
@@ -17,6 +16,7 @@ from softfuse.experiment.pad_electrodes import GridElectrodes
 from softfuse.experiment.pad_touches import PadBed, PadTouches, pad_touches
 from softfuse.experiment.pose_cache import settings_digest
 from softfuse.experiment.virtual_pad import PadErrors, PadPose, PadSettings, Touch
+from softfuse.mechanics.sparse import SparseLU
 from softfuse.mesh.pad import PadGeometry
 
 MM = 1e-3

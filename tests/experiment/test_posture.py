@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.mechanics.dense import Dense
-from softfuse.mechanics.patch import PatchContact
-from softfuse.mechanics.solution import State
 from softfuse.estimation.device import Device
 from softfuse.experiment.posture import Posture, Watched
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.functional.pressure_cells import uniform
 from softfuse.material import NeoHookean
+from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.solution import State
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import outer_surface
 

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from softfuse.mechanics.sparse import SparseLU
 from softfuse.errors import ConfigError
 from softfuse.experiment.electrode_electronics import LineElectronics
 from softfuse.experiment.flow_electronics import FlowElectronics
@@ -16,8 +15,9 @@ from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadBed, PadTouches, pad_touches
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_pad import PadErrors, PadSettings, Touch, virtual_pad
+from softfuse.mechanics.sparse import SparseLU
 from softfuse.mesh.pad import PadGeometry
-from softfuse.sensing.diamond_array import array_points, array_response, line_points
+from softfuse.sensors.diamond_array import array_points, array_response, line_points
 
 MM = 1e-3
 DRAWING = PadGeometry(

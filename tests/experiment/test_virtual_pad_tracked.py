@@ -13,7 +13,6 @@ from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_tracker
 from softfuse.config.build_virtual_pad import pad_plan
 from softfuse.config.device import DeviceConfig
-from softfuse.mechanics.sparse import SparseLU
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
 from softfuse.estimation.tracked import Frame
@@ -25,6 +24,7 @@ from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadBed, pad_touches
 from softfuse.experiment.virtual_pad import Touch
 from softfuse.functional.pressure_cells import flat_punch
+from softfuse.mechanics.sparse import SparseLU
 
 ROOT = Path(__file__).parents[2]
 SHEAR, POISSON = 0.6e6 / 2.98, 0.49

@@ -25,7 +25,7 @@ from softfuse.hardware.wire.description import Description
 from softfuse.hardware.wire.layout import Layout
 from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
 from softfuse.hardware.wire.packet import pack
-from softfuse.sensing.status import Status
+from softfuse.sensors.status import Status
 
 DESCRIPTION = Description("board", (Channel("a", RawType.F64, 1.0, 0.0),))
 LAYOUT = Layout(DESCRIPTION)

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from softfuse.mechanics import RESULTS, Loads, Newton, Punch, State, solve
-from softfuse.mechanics.dense import Dense
 from softfuse.functional import Cavity, Contact, Marker, flat_punch
 from softfuse.material import NeoHookean
+from softfuse.mechanics import RESULTS, Loads, Newton, Punch, State, solve
+from softfuse.mechanics.dense import Dense
 
 PARTS = ("force", "law", "rest", "location", "radius", "compliance")
 

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from softfuse.body import QUADRATIC, TAYLOR_HOOD, Body, mesh_for
+from softfuse.errors import SolveError
+from softfuse.material import NeoHookean
 from softfuse.mechanics import Multifrontal, tangent_inverse
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.dissection import dissect
 from softfuse.mechanics.pardiso import Pardiso
 from softfuse.mechanics.sparse import SparseCholesky, SparseLU
-from softfuse.errors import SolveError
-from softfuse.material import NeoHookean
 from softfuse.mesh.tetmesh import tet_mesh
 
 _tangents = jax.jit(Body.element_tangents)

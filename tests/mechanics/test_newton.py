@@ -16,6 +16,8 @@ import pytest
 from scipy.integrate import solve_bvp
 
 from softfuse.body import QUADRATIC, TAYLOR_HOOD, Body, mesh_for
+from softfuse.functional import Contact, flat_punch
+from softfuse.material import NeoHookean, SaintVenantKirchhoff
 from softfuse.mechanics import (
     RESULTS,
     LinearPorts,
@@ -29,8 +31,6 @@ from softfuse.mechanics import (
     solve,
 )
 from softfuse.mechanics.sparse import SparseLU
-from softfuse.functional import Contact, flat_punch
-from softfuse.material import NeoHookean, SaintVenantKirchhoff
 from softfuse.mesh.surface import boundary_faces
 
 LOAD, YOUNG, HEIGHT = 3.0, 1e6, 1e-3

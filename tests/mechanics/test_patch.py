@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
+from softfuse.functional import uniform
+from softfuse.material import NeoHookean
 from softfuse.mechanics import RESULTS, Loads, Newton, State, solve
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.patch import NormalPatches, PatchContact
-from softfuse.functional import uniform
-from softfuse.material import NeoHookean
 from softfuse.mesh.surface import boundary_faces
 from softfuse.mesh.tetmesh import tet_mesh
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from softfuse.body import QUADRATIC, Body, mesh_for
+from softfuse.material import NeoHookean
 from softfuse.mechanics import RESULTS, LinearPorts, Loads, Newton, PrescribedForce, Solution, State, solve
 from softfuse.mechanics.sparse import SparseLU
-from softfuse.material import NeoHookean
 
 pytestmark = pytest.mark.slow
 

@@ -16,18 +16,18 @@ import pytest
 from scipy.optimize import brentq
 
 from softfuse.body import TAYLOR_HOOD, Body
+from softfuse.functional import Cavity
+from softfuse.material import NeoHookean
 from softfuse.mechanics import RESULTS, Loads, Newton, PrescribedForce, Solution, State, solve
 from softfuse.mechanics.gas import SealedGas
 from softfuse.mechanics.linearised import loaded_tangents, stiffness_map
 from softfuse.mechanics.sparse import SparseLU
 from softfuse.mechanics.volume import VolumePorts
-from softfuse.functional import Cavity
-from softfuse.material import NeoHookean
 from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.surface import cavities
 from softfuse.mesh.tetmesh import quadratic, tet_mesh
-from softfuse.sensing.gas import gauge_pressure_of
+from softfuse.sensors.gas import gauge_pressure_of
 
 INNER, OUTER, YOUNG, ATMOSPHERE = 5e-3, 10e-3, 1e5, 101325.0
 _solve = eqx.filter_jit(solve)

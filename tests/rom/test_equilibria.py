@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from softfuse.estimation.device import Device, simulate
 from softfuse.mechanics import RESULTS
 from softfuse.mechanics.solution import State
-from softfuse.estimation.device import Device, simulate
 from softfuse.rom.equilibria import follow, rough_factor, step_to
 
 PLACE = jnp.array([[-12e-3, 3e-3, 0.0]])

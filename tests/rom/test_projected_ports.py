@@ -12,13 +12,13 @@ import pytest
 from softfuse.body.body import Body
 from softfuse.config import load
 from softfuse.config.build_device import build_device
+from softfuse.errors import SolveError
+from softfuse.estimation.device import Device
+from softfuse.estimation.reduced_device import reduced_device
 from softfuse.mechanics.linearised import loaded_tangents
 from softfuse.mechanics.load import AbstractPorts
 from softfuse.mechanics.prescribed import PrescribedForce
 from softfuse.mechanics.solution import State
-from softfuse.errors import SolveError
-from softfuse.estimation.device import Device
-from softfuse.estimation.reduced_device import reduced_device
 from softfuse.rom.basis import Basis
 from softfuse.rom.chart import Chart
 from softfuse.rom.cubature import Cubature

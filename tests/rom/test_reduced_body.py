@@ -11,8 +11,6 @@ import pytest
 
 from softfuse.body import LINEAR, TAYLOR_HOOD, AbstractBody, Body, mesh_for
 from softfuse.body.stiffness_field import with_field
-from softfuse.mechanics.load import Loads
-from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.errors import SolveError
 from softfuse.estimation.device import Device, compliance, simulate
 from softfuse.estimation.estimator import Estimator
@@ -20,6 +18,8 @@ from softfuse.estimation.limits import Limits
 from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation
 from softfuse.material import MooneyRivlin, NeoHookean
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.tetmesh import tet_mesh
 from softfuse.rom.basis import Basis

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softfuse.mechanics.solution import State
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker
 from softfuse.fusion.fusion import Fused, Fusion
 from softfuse.hardware.live.assembler import Assembled
+from softfuse.mechanics.solution import State
 
 Fields = Mapping[str, float | str | None]
 """What people read of an estimate, by the columns' names."""

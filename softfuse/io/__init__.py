@@ -1,0 +1,1 @@
+"""What is read from and written to files: quantities with units, tables of settings, their problems."""
