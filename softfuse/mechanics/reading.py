@@ -1,0 +1,103 @@
+"""What sensors measure of an equilibrium: functionals of the shape, what answers an actuator, or its drive.
+
+A reading is what has changed since the body was at rest and nothing pressed, in SI units. It is a
+differentiable function of the state, so that `jax.jacfwd` of it through the equilibrium is the compliance
+W_va of Navarro et al. 2020, eq. 8.
+"""
+
+from abc import abstractmethod
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from softfuse.body.base import AbstractBody
+from softfuse.functional.base import AbstractFunctional
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.solution import State
+
+
+class Equilibrium(NamedTuple):
+    """A body in a state under the loads of `contacts`, then of `actuators`."""
+
+    body: AbstractBody
+    contacts: Loads
+    actuators: Loads
+    state: State
+
+    @property
+    def drives(self) -> Float[Array, " a"]:
+        """What the actuators are driven with (a,)."""
+        return self.state.drive[self.state.drive.shape[0] - self.actuators.sizes.drives :]
+
+    @property
+    def answers(self) -> Float[Array, " a"]:
+        """What answers the actuators' drives (a,), see `AbstractLoad.conjugate`."""
+        if not self.actuators.parts:
+            return jnp.zeros(0)
+        sizes, state = self.actuators.sizes, self.state
+        force = state.force[state.force.shape[0] - sizes.forces :]
+        internal = state.internal[state.internal.shape[0] - sizes.internal :]
+        return self.actuators.conjugate(force, internal, self.actuators.values(self.body, state.z))
+
+
+class AbstractReading(eqx.Module):
+    """One or several numbers that a sensor measures."""
+
+    @property
+    @abstractmethod
+    def count(self) -> int:
+        """How many numbers."""
+
+    @abstractmethod
+    def of(self, at: Equilibrium) -> Float[Array, " count"]:
+        """The numbers (count,) in SI units, 0 at rest."""
+
+
+class ShapeReading(AbstractReading):
+    """A functional of the configuration: how it differs from rest."""
+
+    functional: AbstractFunctional
+
+    @property
+    def count(self):
+        """That of the functional."""
+        return self.functional.count
+
+    def of(self, at):
+        """g(z) − g(0)."""
+        return jnp.ravel(self.functional.change(at.body, at.state.z))
+
+
+class AnswerReading(AbstractReading):
+    """What answers the actuators' drives of these numbers: the shortening of a cable that is pulled with a
+    tension, the gauge pressure of sealed gas.
+    """
+
+    numbers: tuple[int, ...] = eqx.field(static=True)
+
+    @property
+    def count(self):
+        """One for each drive."""
+        return len(self.numbers)
+
+    def of(self, at):
+        """The answers."""
+        return at.answers[np.array(self.numbers, int)]
+
+
+class DriveReading(AbstractReading):
+    """The actuators' drives of these numbers: the tension of a cable, the pressure in a chamber."""
+
+    numbers: tuple[int, ...] = eqx.field(static=True)
+
+    @property
+    def count(self):
+        """One for each drive."""
+        return len(self.numbers)
+
+    def of(self, at):
+        """The drives."""
+        return at.drives[np.array(self.numbers, int)]
