@@ -1,9 +1,9 @@
 """Coordinates on a part of a body's surface, and the places that they name.
 
-A *place* is where a contact presses on the body at rest: an array (3, 3) whose rows are a point of the surface
-[m] and two unit tangents u, v there. Their cross product u x v is the direction into the body in which the
-contact presses. A contact that is off its place by (a, b) [m] is at the point moved by a u + b v; what presses
-there is carried along the direction onto the surface (`functional.contact`).
+A *place* is where a contact presses on the body at rest: an array (3, 3) whose rows are a point of the
+surface [m] and two unit tangents u, v there. Their cross product u × v is the direction into the body in which
+the contact presses. A contact that is off its place by (a, b) [m] is at the point moved by a u + b v; what
+presses there is carried along the direction onto the surface (`functional.contact`).
 """
 
 from abc import abstractmethod
