@@ -20,7 +20,7 @@ from pad_meshes import CONFIG, pad_on
 
 from softfuse.config import load
 from softfuse.config.build_device import build_device, with_contact_model
-from softfuse.estimation.device import simulate
+from softfuse.mechanics.model import simulate
 
 DATA = CONFIG.parents[1] / "tests" / "data"
 

@@ -21,14 +21,14 @@ from jaxtyping import Float, Int
 from sofa_pad import SharedForce
 
 from softfuse.body.body import Body
-from softfuse.estimation.device import Device
 from softfuse.estimation.step import Observation
 from softfuse.functional import Cavity
+from softfuse.mechanics.model import Model
 
 _CLOSE = 1e-9  # m, as ours
 
 
-def shared_force(device: Device, nodes: Int[np.ndarray, " p"]) -> Device:
+def shared_force(device: Model, nodes: Int[np.ndarray, " p"]) -> Model:
     """The device pushed down by a force that nodes (p,) share equally."""
     return replace(device, contact=SharedForce(jnp.asarray(nodes, jnp.int32)))
 
@@ -110,7 +110,7 @@ class Drives(NamedTuple):
 class PaperStep:
     """One force from the volumes of cavities, a step with a new factor for each frame."""
 
-    def __init__(self, device: Device):
+    def __init__(self, device: Model):
         self._body, cavities = device.body, [s for s in device.sensors if isinstance(s, Cavity)]
         assert isinstance(self._body, Body) and len(cavities) == len(device.sensors)
         loads = device.loads(jnp.zeros((1, 3)))

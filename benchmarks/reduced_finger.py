@@ -27,14 +27,14 @@ from softfuse.config import load
 from softfuse.config.build_device import build_device, build_limits, build_step_settings
 from softfuse.config.build_reduction import Teacher, build_regions, reduction_mark
 from softfuse.config.device import DeviceConfig
-from softfuse.estimation.atlas import AtlasFolder
-from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.estimator import Estimator
-from softfuse.estimation.kept_device import Kept, kept_sizes, read_device
-from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation
+from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
+from softfuse.rom.atlas import AtlasFolder
+from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import rest_stiffness
+from softfuse.rom.rom_file import Kept, kept_sizes, read_device
 
 PER_LOAD, SOLVED_EVERY = 2000, 50
 SIGMA_M, SIGMA_PA = 5e-5, 10.0
@@ -49,7 +49,7 @@ def taught(teacher: Teacher, electrode: int, folder: Path) -> tuple[Kept, float]
     charts, began = AtlasFolder(folder, reduction_mark(teacher.config)), time.perf_counter()
     if not charts.has(electrode):
         chart = teacher.chart(electrode)
-        charts.write(electrode, reduced_device(device, teacher.stiffness, chart), chart.basis)
+        charts.write(electrode, reduced_model(device, teacher.stiffness, chart), chart.basis)
     taken = time.perf_counter() - began
     file = charts.file(electrode)
     return read_device(file, charts.mark, device, kept_sizes(file, charts.mark)), taken
@@ -68,7 +68,7 @@ def drives(teacher: Teacher, electrode: int, largest_force: float, cases: int) -
 
 
 def errors(
-    device: Device, small: Device, place: jax.Array, wanted: np.ndarray
+    device: Model, small: Model, place: jax.Array, wanted: np.ndarray
 ) -> tuple[dict[str, object], np.ndarray]:
     """Of shapes and readings under drives (c, D), 50 % of the cases and the largest; and the full body's
     readings (c, k).
@@ -98,7 +98,7 @@ def errors(
     return {key: np.percentile(each, [50, 100]).tolist() for key, each in columns}, np.array(readings)
 
 
-def way(small: Device, place: jax.Array, wanted: np.ndarray, readings: np.ndarray) -> np.ndarray:
+def way(small: Model, place: jax.Array, wanted: np.ndarray, readings: np.ndarray) -> np.ndarray:
     """Readings (f, k) on the way from rest through drives (c, D), at which they are the given ones (c, k)."""
     loads = np.concatenate([np.asarray(small.rest_state(place).drive)[None], wanted])
     at_load, every = np.arange(len(loads)), SOLVED_EVERY / PER_LOAD

@@ -29,19 +29,19 @@ from softfuse.config.build_device import build_device, build_limits
 from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
 from softfuse.config.device import DeviceConfig
-from softfuse.estimation.atlas import Atlas
-from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_estimator import MOST_TRUNCATION, ReducedEstimator
 from softfuse.estimation.step import Observation
 from softfuse.hardware.recording import read_recording
+from softfuse.mechanics.model import Model, simulate
+from softfuse.rom.atlas import Atlas
 from softfuse.rom.cells import Cells
 
 APART_M, PER_FRAME_M, PATH = 2e-3, 1e-4, 10_000
 RECORDING = Path(__file__).parents[1] / "tests" / "data" / "pad_nominal_two_presses.csv.gz"
 
 
-def errors(device: Device, atlas: Atlas, cases: int, largest: float) -> dict[str, object]:
+def errors(device: Model, atlas: Atlas, cases: int, largest: float) -> dict[str, object]:
     """Percentiles 50, 95, 100 of the errors [%] of displacements and volumes at random presses, and of the
     truncation [%] that the chart itself tells; how many are off by more than 1 % and how many the full body
     would correct, and how many are both.
@@ -82,7 +82,7 @@ def wandering(cells: Cells, frames: int, largest: float) -> tuple[np.ndarray, np
     return np.stack([x, y, 0 * x], axis=1), largest * (0.3 + 0.2 * np.sin(length / 0.012))
 
 
-def frame_times(device: Device, atlas: Atlas, config: DeviceConfig, frames: int) -> dict[str, object]:
+def frame_times(device: Model, atlas: Atlas, config: DeviceConfig, frames: int) -> dict[str, object]:
     """Latencies [ms] of estimate, shape and both, 50 and 99 %; how often programs were traced or compiled,
     the full body asked and a tangent inverted; by how much forces were off; and the full body's latencies.
     """

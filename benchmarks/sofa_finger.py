@@ -24,7 +24,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body import LINEAR, Body
-from softfuse.estimation.device import Device
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation, exact_steps
 from softfuse.functional import Marker, uniform
@@ -34,6 +33,7 @@ from softfuse.material import Corotational, lame_constants
 from softfuse.mechanics import RESULTS, Loads, Newton, State, solve
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.patch import PatchContact
 from softfuse.mesh.surface import boundary_faces
 from softfuse.mesh.tetmesh import tet_mesh
@@ -197,7 +197,7 @@ def inverse_with_our_energy(finger: Reference, tip: int) -> tuple[float, float, 
     faces = boundary_faces(tet_mesh(finger.nodes, finger.tets)).faces
     inwards = np.array([[0.0, 0.0, 1.0]])
     nothing = PatchContact.on(faces, np.zeros((1, 1, 3)), inwards, uniform(rings=1, angles=4), 1e-3)
-    device = Device(body, sensors, nothing, Dense.plan(body), (cable,), gauges=(0,))
+    device = Model(body, sensors, nothing, Dense.plan(body), (cable,), gauges=(0,))
     limits = Limits(jnp.zeros(1), jnp.full(1, 5.0), jnp.zeros(1), motion=jnp.array(5e-3))
     target = Observation(
         jnp.append(finger.u[tip], 0.0), jnp.diag(jnp.array([1e3] * 3 + [0.0])), jnp.zeros(0, int)

@@ -21,7 +21,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from softfuse.body import LINEAR, Body
-from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
@@ -29,6 +28,7 @@ from softfuse.functional import Cavity
 from softfuse.material import Corotational
 from softfuse.mechanics import LinearPorts, Multifrontal, PrescribedForce
 from softfuse.mechanics.load import AbstractContact
+from softfuse.mechanics.model import Model, simulate
 from softfuse.mesh.surface import cavities
 from softfuse.mesh.tetmesh import tet_mesh
 
@@ -56,7 +56,7 @@ class SharedForce(AbstractContact):
         return PrescribedForce.on(LinearPorts(jnp.zeros(1), rows), body, jnp.ones(1))
 
 
-def sofa_pad(name: str) -> Device:
+def sofa_pad(name: str) -> Model:
     """The pad as a device whose readings are its cavities' volume changes."""
     with np.load(MESHES) as data:
         nodes, tets, bottom, press = (data[f"{name}_{key}"] for key in ("nodes", "tets", "bottom", "press"))
@@ -65,10 +65,10 @@ def sofa_pad(name: str) -> Device:
     fixed[bottom.astype(np.int64)] = True
     body = Body.from_mesh(mesh, [Corotational.from_young(100e3, 0.45)], fixed, element=LINEAR)
     walls = tuple(Cavity(jnp.asarray(part.faces)) for part in cavities(mesh, 1e-3 * CENTRES_MM))
-    return Device(body, walls, SharedForce(jnp.asarray(press, jnp.int32)), Multifrontal.plan(body))
+    return Model(body, walls, SharedForce(jnp.asarray(press, jnp.int32)), Multifrontal.plan(body))
 
 
-def readings(device: Device, force: Float[np.ndarray, " f"]) -> Float[np.ndarray, "f k"]:
+def readings(device: Model, force: Float[np.ndarray, " f"]) -> Float[np.ndarray, "f k"]:
     """Volume changes (f, k) [m³] under forces (f,) [N], between six equilibria."""
     solve = eqx.filter_jit(lambda d, f: d.reading(simulate(d, jnp.zeros((1, 3)), f[None]).state))
     levels = np.linspace(0.0, PEAK_N, 6)

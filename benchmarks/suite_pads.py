@@ -15,9 +15,9 @@ from pytest_benchmark.fixture import BenchmarkFixture
 
 from softfuse.config import DeviceConfig
 from softfuse.config.build_device import build_device, build_limits
-from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
+from softfuse.mechanics.model import Model, simulate
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 MESHES = {
@@ -36,7 +36,7 @@ class Pad:
     """The pad of configs/pad.toml on one of the meshes."""
 
     config: DeviceConfig
-    device: Device
+    device: Model
 
     def limits(self, contacts: int = 1) -> Limits:
         """Those of so many contacts."""
@@ -53,12 +53,12 @@ def pad(nodes: int) -> Pad:
 
 
 @eqx.filter_jit
-def _read(device: Device, places: jax.Array, forces: jax.Array) -> jax.Array:
+def _read(device: Model, places: jax.Array, forces: jax.Array) -> jax.Array:
     return device.reading(simulate(device, places, forces).state)
 
 
 def press(
-    device: Device, contacts: int, frames: int, seed: int = 0, place: np.ndarray | None = None
+    device: Model, contacts: int, frames: int, seed: int = 0, place: np.ndarray | None = None
 ) -> list[Observation]:
     """Frames of contacts that press up to the peak and stay, jittering by 0.05 mm as located ones do.
 

@@ -19,7 +19,6 @@ import pytest
 from softfuse.body import LINEAR, TAYLOR_HOOD, Body, mesh_for
 from softfuse.body.element import Element
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
-from softfuse.estimation.device import Device
 from softfuse.experiment.mutual_field import Thing
 from softfuse.experiment.mutual_figures import image_of
 from softfuse.experiment.virtual_mutual import MutualBed
@@ -29,6 +28,7 @@ from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.linear_solver import AbstractLinearSolver
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.pad import PadGeometry, pad_mesh
@@ -85,7 +85,7 @@ def forgotten_programs() -> Iterator[None]:
         gc.collect()
 
 
-def two_cavity_device(element: Element, solver: type[AbstractLinearSolver], poisson: float) -> Device:
+def two_cavity_device(element: Element, solver: type[AbstractLinearSolver], poisson: float) -> Model:
     """A block of 70 × 40 × 18 mm over two cavities, some hundred nodes, pressed by a punch of 8 mm."""
     geometry = PadGeometry(
         (70 * MM, 40 * MM, 18 * MM), (26 * MM, 28 * MM, 6 * MM), ((-17 * MM, 0.0), (17 * MM, 0.0)), 6 * MM
@@ -97,17 +97,17 @@ def two_cavity_device(element: Element, solver: type[AbstractLinearSolver], pois
     surface = ContactSurface.facing(faces, mesh.nodes, np.array([0.0, 0.0, -1.0]))
     contact = Contact(surface, flat_punch((0.7, 1.0), (3, 6)), jnp.zeros(3), jnp.asarray(8 * MM))
     inner = tuple(Cavity(jnp.asarray(s.faces)) for s in cavities(mesh, geometry.centres()))
-    return Device(body, inner, PunchContact(contact), solver.plan(body))
+    return Model(body, inner, PunchContact(contact), solver.plan(body))
 
 
 @pytest.fixture(scope="session")
-def device() -> Device:
+def device() -> Model:
     """The small device as it is used: Taylor-Hood, nearly incompressible, multifrontal solver."""
     return two_cavity_device(TAYLOR_HOOD, Multifrontal, 0.49)
 
 
 @pytest.fixture(scope="session")
-def plain_device() -> Device:
+def plain_device() -> Model:
     """The small device with linear elements and a dense solver, which compile in no time."""
     return two_cavity_device(LINEAR, Dense, 0.3)
 

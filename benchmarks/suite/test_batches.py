@@ -8,10 +8,10 @@ from suite_pads import PLACES, pad
 
 from softfuse.config.build_reduction import Teacher, build_regions
 from softfuse.estimation.batch import batched
-from softfuse.estimation.device import Device, simulate
-from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation, exact_steps
+from softfuse.mechanics.model import Model, simulate
 from softfuse.rom.cells import Cells
+from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import rest_stiffness
 
 NODES = 2115
@@ -25,12 +25,12 @@ CENTRE = REGIONS[NUMBER].centre
 
 
 @pytest.fixture(scope="module")
-def devices() -> dict[str, Device]:
+def devices() -> dict[str, Model]:
     """A pad, full and reduced in the cell of the first place."""
     full = pad(NODES).device
     stiffness = rest_stiffness(full.body)
     chart = Teacher(pad(NODES).config, full, stiffness, REGIONS).chart(NUMBER)
-    return {"full": full, "reduced": reduced_device(full, stiffness, chart)}
+    return {"full": full, "reduced": reduced_model(full, stiffness, chart)}
 
 
 def _estimate(shared, seen):
@@ -47,7 +47,7 @@ def _read(device, at):
     "body, count", [("reduced", n) for n in (1, 16, 64, 1024)] + [("full", 1), ("full", 8)]
 )
 @pytest.mark.parametrize("what", ["estimates", "equilibria"])
-def test_batch(benchmark, devices: dict[str, Device], body: str, count: int, what: str) -> None:
+def test_batch(benchmark, devices: dict[str, Model], body: str, count: int, what: str) -> None:
     device, random = devices[body], np.random.default_rng(3)
     places = jnp.asarray(CENTRE + random.uniform(-1e-3, 1e-3, (count, 1, 3)) * [1.0, 1.0, 0.0])
     forces = jnp.asarray(random.uniform(2.0, 6.0, (count, 1)))

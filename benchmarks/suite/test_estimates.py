@@ -16,10 +16,10 @@ from suite_pads import CONFIGS, MESHES, PLACES, megabytes, pad, press, time_fram
 from softfuse.config import load
 from softfuse.config.build_device import build_device, build_limits, build_step_settings
 from softfuse.config.build_reduction import Teacher, build_regions
-from softfuse.estimation.device import simulate
 from softfuse.estimation.estimator import Estimator
-from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation, exact_steps
+from softfuse.mechanics.model import simulate
+from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import rest_stiffness
 
 FRAMES = 200
@@ -62,7 +62,7 @@ def test_reduced_step(benchmark, nodes: int) -> None:
     started = time.perf_counter()
     chart = Teacher(config, device, stiffness, regions).chart(number)
     teaching = time.perf_counter() - started
-    small = reduced_device(device, stiffness, chart)
+    small = reduced_model(device, stiffness, chart)
     said = {"nodes": nodes, "unknowns": small.body.n, "teaching_s": teaching}
     _time_estimates(benchmark, small, pad(nodes).limits(), frames, **said)
 

@@ -8,10 +8,10 @@ import pytest
 from sofa_pad import SOFA_MS, readings, sofa_pad
 from suite_pads import MESHES, PLACES, pad
 
-from softfuse.estimation.device import simulate
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
+from softfuse.mechanics.model import simulate
 
 FORCE_N = 5.0
 RADIUS_M = 8e-3

@@ -17,10 +17,10 @@ from jaxtyping import Array, Float, Int
 from softfuse.body.body import Body
 from softfuse.body.stiffness_field import TERMS, with_field
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.device import Device, with_body
 from softfuse.material.base import AbstractMaterial, constant
 from softfuse.material.neo_hookean import NeoHookean
 from softfuse.material.yeoh import Yeoh
+from softfuse.mechanics.model import Model, with_body
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.morph import wall_fields
 from softfuse.mesh.tetmesh import TetMesh
@@ -42,7 +42,7 @@ class AbstractAdjustment(eqx.Module):
     sigma: eqx.AbstractVar[Float[Array, " p"]]
     names: eqx.AbstractVar[tuple[str, ...]]
 
-    def adjusted(self, device: Device, value: Float[Array, " p"]) -> Device:
+    def adjusted(self, device: Model, value: Float[Array, " p"]) -> Model:
         """The device with parameters (p,)."""
         del value
         return device
@@ -95,7 +95,7 @@ class Stiffening(AbstractAdjustment):
         return cls(jnp.array([sigma]))
 
     @staticmethod
-    def possible(device: Device) -> bool:
+    def possible(device: Model) -> bool:
         """Whether all its materials have such a constant."""
         return all(isinstance(law, NeoHookean | Yeoh) for law in _body(device).materials)
 
@@ -120,7 +120,7 @@ class Layer(AbstractAdjustment):
     names: tuple[str, ...] = eqx.field(static=True, default=("layer",))
 
     @classmethod
-    def of(cls, device: Device, sigma: float) -> Self:
+    def of(cls, device: Model, sigma: float) -> Self:
         """Of the configured compliance, or where there is none of one that is felt as little as a hundredth
         of the disc's radius of the body; with a prior standard deviation [-].
         """
@@ -132,7 +132,7 @@ class Layer(AbstractAdjustment):
     def adjusted(self, device, value):
         """The device pressed through such a layer."""
         compliance = self.typical * jnp.exp(value[0])
-        return eqx.tree_at(lambda d: d.contact.disc.compliance, device, compliance)
+        return eqx.tree_at(lambda d: d.contacts[0].disc.compliance, device, compliance)
 
 
 class Walls(AbstractAdjustment):
@@ -239,7 +239,7 @@ class Adjustments(eqx.Module):
         ends = np.cumsum([len(group.names) for group in self.groups])[:-1]
         return jnp.split(jnp.asarray(value), ends)
 
-    def adjusted(self, device: Device, value: Float[Array | np.ndarray, " p"]) -> Device:
+    def adjusted(self, device: Model, value: Float[Array | np.ndarray, " p"]) -> Model:
         """The device with parameters (p,)."""
         for group, part in zip(self.groups, self.of_group(value), strict=True):
             device = group.adjusted(device, part)
@@ -266,15 +266,16 @@ class Adjustments(eqx.Module):
         return reading
 
 
-def _body(device: Device) -> Body:
+def _body(device: Model) -> Body:
     if not isinstance(device.body, Body):
         raise SoftfuseError("a reduced body cannot be calibrated: calibrate the full one, then reduce it")
     return device.body
 
 
-def _punch(device: Device) -> PunchContact:
-    if not isinstance(device.contact, PunchContact):
+def _punch(device: Model) -> PunchContact:
+    contact = device.contacts[0]
+    if not isinstance(contact, PunchContact):
         raise SoftfuseError(
             'a calibration presses discs: a device with contact.model = "patch" cannot be calibrated yet'
         )
-    return device.contact
+    return contact

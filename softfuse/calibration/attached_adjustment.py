@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from softfuse.calibration.adjustment import AbstractAdjustment, Measure
-from softfuse.estimation.device import Device, with_attached
 from softfuse.mechanics.cable import ShortenedCable
 from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.model import Model, with_actuators
 
 _TYPICAL_STRAIN = 1e-3
 """Of a cable under the largest tension, where none is configured: a wire's is some ten-thousandths, that of
@@ -48,11 +48,11 @@ class CableCompliances(AbstractAdjustment):
     names: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
-    def of(cls, device: Device, cables: Sequence[str], most_N: Sequence[float], sigma: float) -> Self:
+    def of(cls, device: Model, cables: Sequence[str], most_N: Sequence[float], sigma: float) -> Self:
         """Of the configured compliances, or where there is none of one that is felt as a strain of a
         thousandth under the largest tension [N]; with a prior standard deviation [-].
         """
-        loads = [load for load in device.attached if isinstance(load, ShortenedCable)]
+        loads = [load for load in device.actuators if isinstance(load, ShortenedCable)]
         typical = [
             float(load.compliance) or _TYPICAL_STRAIN * float(load.rest_length) / most
             for load, most in zip(loads, most_N, strict=True)
@@ -63,7 +63,7 @@ class CableCompliances(AbstractAdjustment):
     def adjusted(self, device, value):
         """The device of softer or stiffer cables."""
         each = iter(self.typical * jnp.exp(value))
-        return with_attached(device, ShortenedCable, lambda cable: replace(cable, compliance=next(each)))
+        return with_actuators(device, ShortenedCable, lambda cable: replace(cable, compliance=next(each)))
 
 
 class DeadVolumes(AbstractAdjustment):
@@ -80,4 +80,4 @@ class DeadVolumes(AbstractAdjustment):
     def adjusted(self, device, value):
         """The device with more or less gas behind its cavities."""
         factor = jnp.exp(value)
-        return with_attached(device, SealedGas, lambda gas: replace(gas, dead=gas.dead * factor))
+        return with_actuators(device, SealedGas, lambda gas: replace(gas, dead=gas.dead * factor))

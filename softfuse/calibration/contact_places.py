@@ -1,6 +1,6 @@
 """Where on its electrode each contact of a press acts, which nobody has measured but its forces depend on."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import ClassVar, Self
 
 import equinox as eqx
@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from softfuse.calibration.adjustment import AbstractAdjustment, Measure
 from softfuse.calibration.presses import Applied
+from softfuse.functional.chart import nearest
 
 
 class ContactPlaces(AbstractAdjustment):
@@ -24,18 +25,25 @@ class ContactPlaces(AbstractAdjustment):
     names: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
-    def of(cls, applied: Applied, called: dict[int, str], electrodes: Sequence[str], sigma: float) -> Self:
-        """Of presses 0, 1 ... that people call something, on electrodes with names, with a prior standard
-        deviation [m].
+    def of(
+        cls,
+        applied: Applied,
+        called: dict[int, str],
+        electrodes: Mapping[str, Float[np.ndarray, "3 3"]],
+        sigma: float,
+    ) -> Self:
+        """Of presses 0, 1 ... that people call something, on electrodes with names and places, with a prior
+        standard deviation [m].
         """
         presses, contacts = int(applied.press.max(initial=-1)) + 1, applied.force_N.shape[1]
         number, names = np.full((presses + 1, contacts), -1), list[str]()
+        known, at = list(electrodes), np.array(list(electrodes.values()))
         for press in range(presses):
             on = applied.press == press
             for contact in np.flatnonzero(np.any(applied.force_N[on] > 0, axis=0)):
                 number[press, contact] = len(names)
                 pushed = on & (applied.force_N[:, contact] > 0)
-                where = electrodes[int(applied.place[pushed][0, contact])]
+                where = known[int(nearest(at, applied.place[pushed][0, contact]))]
                 names.append(f"place on {where} in press {called[press]}")
         number = np.where(number < 0, len(names), number)
         return cls(sigma=jnp.full(len(names), sigma), number=jnp.asarray(number), names=tuple(names))

@@ -28,8 +28,8 @@ class Grid:
         return cls(np.linspace(*x, side), np.linspace(*y, side), force)
 
     @property
-    def place_m(self) -> Float[np.ndarray, "s 3"]:
-        """All places (s, 3), y running first."""
+    def point_m(self) -> Float[np.ndarray, "s 3"]:
+        """All points (s, 3), y running first."""
         x, y = np.meshgrid(self.x_m, self.y_m, indexing="ij")
         return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 

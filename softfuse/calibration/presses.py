@@ -17,9 +17,8 @@ from jaxtyping import Array, Float, Int
 
 from softfuse.calibration.adjustment import Adjustments
 from softfuse.errors import SolveError
-from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.side_by_side import shared_out
-from softfuse.mechanics.load import AbstractContact
+from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS, Solution, State
 
 
@@ -27,10 +26,9 @@ from softfuse.mechanics.solution import RESULTS, Solution, State
 class Applied:
     """What is done to a device in s samples, by c contacts in each.
 
-    `place` (s, c, ...): as the device's contact wants it, locations (3,) m or numbers of electrodes;
-    `force_N` (s, c): 0 where a contact does not press; `prescribed` (s, a): drives of the attached loads;
-    `press` (s,): samples with the same number belong to one press, one after the other; a negative number is
-    none's.
+    `place` (s, c, 3, 3): see `functional.chart`; `force_N` (s, c): 0 where a contact does not press;
+    `prescribed` (s, a): drives of the actuators; `press` (s,): samples with the same number belong to one
+    press, one after the other; a negative number is none's.
     """
 
     place: np.ndarray
@@ -67,7 +65,7 @@ class Answer:
 class Adjustable:
     """A device whose parameters may be adjusted."""
 
-    def __init__(self, device: Device, adjustments: Adjustments):
+    def __init__(self, device: Model, adjustments: Adjustments):
         """Compiles when first asked; `device` is as configured, with parameters 0."""
         self.adjustments = adjustments
         self._device = device
@@ -131,32 +129,30 @@ def _listed(numbers: np.ndarray) -> str:
 
 def _said(place: np.ndarray) -> str:
     """Places as people read them."""
-    if place.ndim == 1:
-        return f"electrodes {', '.join(str(k) for k in place)}"
-    return ", ".join(f"({_listed(1e3 * at[:2])}) mm" for at in place)
+    return ", ".join(f"({_listed(1e3 * at[0])}) mm" for at in place)
 
 
 @eqx.filter_jit
-def _read(device: Device, adjustments: Adjustments, value: Any, given: Any, start: State) -> Any:
+def _read(device: Model, adjustments: Adjustments, value: Any, given: Any, start: State) -> Any:
     place, force, prescribed, press = given
 
     def read(value: Array) -> tuple[Array, tuple[Array, Solution]]:
         made = adjustments.adjusted(device, value)
         arms = adjustments.arms(jnp.zeros(len(force)), press, value)
-        forces = [_shared(made.contact, *each) for each in zip(place, force, arms, strict=True)]
+        kinds = made.kinds(len(place))
+        forces = [_shared(kind.arms, *each) for kind, *each in zip(kinds, force, arms, strict=True)]
         drive = jnp.concatenate([*forces, adjustments.prescribed(prescribed, value)])
         found = simulate(made, place, drive, start)
-        reading = adjustments.measured(made.reading(found.state), value)
+        reading = adjustments.measured(made.reading(found.state, place), value)
         return reading, (reading, found)
 
     place = jnp.asarray(place)
     return jax.jacrev(read, has_aux=True)(jnp.asarray(value))
 
 
-def _shared(contact: AbstractContact, place: Array, force: Array, arm: Array) -> Float[Array, " d"]:
-    """The drives (d,) [N] of a contact that presses with a force [N], an arm [m] from the middle of its
-    place.
+def _shared(arms: Float[Array, " d"], force: Array, arm: Array) -> Float[Array, " d"]:
+    """The drives (d,) [N] at arms (d,) [m] of a contact that presses with a force [N], an arm [m] from the
+    middle of its place.
     """
-    arms = contact.arms(place)
     square = jnp.sum(arms**2)
     return force * (1 / arms.shape[0] + arm * arms / jnp.where(square > 0, square, 1.0))

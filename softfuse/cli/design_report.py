@@ -218,8 +218,8 @@ def _walls(problem: Problem, theta: Float[np.ndarray, " p"]) -> list[tuple[str, 
 
 
 def _maps(unit: str, many: float, after: After) -> str:
-    places = np.asarray(after.places)
-    if places.ndim < 2:
+    places = np.asarray(after.places)[:, 0]
+    if np.ptp(places[:, 2]) > 0:
         return ""
     values = {
         "as it is": many * after.own.pressed.sensitivity,

@@ -8,7 +8,8 @@ import numpy as np
 from softfuse.cli.trial import AbstractTrial, Asked
 from softfuse.config.build_device import with_contact_model
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.device import Device
+from softfuse.functional.chart import facing
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.punch import PunchContact
 
 
@@ -37,7 +38,9 @@ class DiscTrial(AbstractTrial):
     @property
     def places(self):
         """Its centre."""
-        return jnp.asarray(self._location)[None]
+        disc = self._device.contacts[0]
+        assert isinstance(disc, PunchContact)  # `check_on_body` has told
+        return jnp.asarray(facing(self._location[None], np.asarray(disc.disc.surface.direction)))
 
     @property
     def drive(self):
@@ -49,7 +52,7 @@ class DiscTrial(AbstractTrial):
         return {
             "force_N": float(state.drive[0]),
             "depth_mm": 1e3 * float(state.internal[0]),
-            "volume_change_mm3": [1e9 * float(v) for v in self._device.reading(state)],
+            "volume_change_mm3": [1e9 * float(v) for v in self._device.reading(state, self.places)],
         }
 
     def told(self, numbers):
@@ -72,11 +75,12 @@ def parse_location(text: str) -> np.ndarray:
     return 1e-3 * np.array([x, y, 0.0])
 
 
-def check_on_body(device: Device, location: np.ndarray) -> None:
+def check_on_body(device: Model, location: np.ndarray) -> None:
     """Raise SoftfuseError unless the whole disc stands on the body."""
-    if not isinstance(device.contact, PunchContact):
+    contact = device.contacts[0]
+    if not isinstance(contact, PunchContact):
         raise SoftfuseError("this device is pressed at its electrodes, not at any place by a disc")
-    disc = device.contact.at(jnp.asarray(location))
+    disc = contact.at(jnp.asarray(location)[None])
     if float(disc.overlap(device.body)) < 1.0:
         points = np.asarray(device.body.rest)[np.unique(disc.surface.faces)]
         low, high = 1e3 * points.min(axis=0), 1e3 * points.max(axis=0)

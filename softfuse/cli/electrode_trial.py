@@ -8,6 +8,7 @@ import numpy as np
 
 from softfuse.cli.study import known
 from softfuse.cli.trial import AbstractTrial, Asked
+from softfuse.config.build_device import electrode_places
 from softfuse.config.build_watched import build_watched
 from softfuse.errors import SoftfuseError
 from softfuse.io.quantity import FORCE, LENGTH
@@ -27,14 +28,14 @@ class ElectrodeTrial(AbstractTrial):
             )
         self._asked = asked
         self._electrode = _number_of(asked)
-        cables = [load for load in asked.device.attached if isinstance(load, PulledCable)]
+        cables = [load for load in asked.device.actuators if isinstance(load, PulledCable)]
         if len(asked.cables) > len(cables):
             raise SoftfuseError(f"--cable is given {len(asked.cables)} times for {len(cables)} cables")
         given = [_driven(cable, text, asked) for cable, text in zip(cables, asked.cables, strict=False)]
-        attached = (*(load for load, _ in given), *asked.device.attached[len(given) :])
-        self._device = replace(asked.device, attached=attached)
+        actuators = (*(load for load, _ in given), *asked.device.actuators[len(given) :])
+        self._device = replace(asked.device, actuators=actuators)
         self._watched = build_watched(asked.config, self._device, asked.mesh)
-        patches = asked.device.contact.drives
+        patches = asked.device.contacts[0].drives
         start = np.asarray(self._device.rest_state(self.places).drive).copy()
         start[:patches] = (asked.force or 0.0) / patches
         start[patches : patches + len(given)] = [value for _, value in given]
@@ -48,7 +49,7 @@ class ElectrodeTrial(AbstractTrial):
     @property
     def places(self):
         """The electrode."""
-        return jnp.array([self._electrode])
+        return jnp.asarray(electrode_places(self._asked.config)[[self._electrode]])
 
     @property
     def drive(self):
@@ -58,9 +59,9 @@ class ElectrodeTrial(AbstractTrial):
     def numbers(self, state) -> dict[str, Any]:
         """Force, cables, pressures, points and bending."""
         config, posture = self._asked.config, self._watched.posture(state)
-        patches = self._device.contact.drives
+        patches = self._device.contacts[0].drives
         drive = np.asarray(state.drive)[patches:]
-        loads, count = self._device.attached, len(config.cables)
+        loads, count = self._device.actuators, len(config.cables)
         pulled = [isinstance(load, PulledCable) for load in loads[:count]]
         numbers: dict[str, Any] = {
             "force_N": float(np.sum(state.drive[:patches])),

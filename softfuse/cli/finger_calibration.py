@@ -11,9 +11,11 @@ from softfuse.cli.device_calibration import (
     press_numbers,
 )
 from softfuse.cli.finger_truth import FingerTruth, finger_truth
+from softfuse.config.build_device import electrode_places
 from softfuse.config.build_tracker import build_senses
 from softfuse.estimation.model_error import missed
 from softfuse.experiment.contact_accuracy import NOWHERE
+from softfuse.functional.chart import nearest
 from softfuse.hardware.recording import Recording
 from softfuse.sensors.finger_senses import FingerSenses
 
@@ -57,7 +59,7 @@ class FingerCalibration(AbstractCalibration):
         # What a force sensor reads below 0 is its noise.
         force = np.pad(np.maximum(np.nan_to_num(truth.force_N[at]), 0.0), more)
         electrode = np.pad(truth.electrode[at], more, constant_values=NOWHERE)
-        place = np.where(electrode == NOWHERE, 0, electrode)
+        place = electrode_places(self.settings)[np.where(electrode == NOWHERE, 0, electrode)]
         reading, sigma, valid = (
             np.array([getattr(each, name) for each in sensed]) for name in ("reading", "sigma", "valid")
         )
@@ -75,9 +77,10 @@ class FingerCalibration(AbstractCalibration):
     def at(self, applied, press):
         """Its electrodes, and the lengths by which cables are shortened."""
         on = applied.press == press
+        number = nearest(electrode_places(self.settings), applied.place[on])
         names = [
             self.settings.electrodes[place[force > 0][0]].name
-            for place, force in zip(applied.place[on].T, applied.force_N[on].T, strict=True)
+            for place, force in zip(number.T, applied.force_N[on].T, strict=True)
             if np.any(force > 0)
         ]
         lengths = applied.prescribed[on][:, : len(self.settings.cables)].max(axis=0)
@@ -97,9 +100,9 @@ class FingerCalibration(AbstractCalibration):
         if cables and np.ptp(applied.prescribed[:, :cables]) > 0:
             shortest = np.concatenate([applied.prescribed[:, :cables].min(axis=0), longest[cables:]])
             pulled = [shortest, longest]
-        place = np.zeros((electrodes * len(pulled), applied.place.shape[1]), int)
-        place[:, 0] = np.tile(np.arange(electrodes), len(pulled))
-        force = np.zeros(place.shape)
+        number = np.zeros((electrodes * len(pulled), applied.place.shape[1]), int)
+        number[:, 0] = np.tile(np.arange(electrodes), len(pulled))
+        place, force = electrode_places(self.settings)[number], np.zeros(number.shape)
         force[:, 0] = applied.force_N.max() or _LIGHT * self._most_N
         prescribed = np.repeat(np.array(pulled), electrodes, axis=0)
         return Applied(place, force, prescribed, -1 - np.arange(len(place)))

@@ -13,12 +13,12 @@ from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
-from softfuse.estimation.device import Device
 from softfuse.estimation.tracked import Tracked
 from softfuse.estimation.tracker import Tracker
 from softfuse.fusion.fusion import Fused, Fusion
 from softfuse.hardware.live.follower import ChannelGroup, Fields, Follower
 from softfuse.hardware.record.entries import Kind
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
 
 
@@ -30,7 +30,7 @@ class Estimating:
 
     config: DeviceConfig
     mesh: DeviceMesh
-    device: Device
+    device: Model
     tracker: Tracker
     readout: AbstractReadout
     joined: tuple[Column, ...]

@@ -6,12 +6,12 @@ from softfuse.cli.joined_readout import joined_words
 from softfuse.cli.readout import AbstractReadout
 from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
-from softfuse.estimation.device import Device
 from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.figures import flat_triangles
 from softfuse.experiment.shape_figures import sharp_edges
 from softfuse.hardware.live.rerun_view import Picture, RerunView, Scene
 from softfuse.hardware.live.session import Published
+from softfuse.mechanics.model import Model
 from softfuse.mesh.surface import outer_surface
 
 PICTURES_A_SECOND = 20.0
@@ -33,7 +33,7 @@ def scene_of(config: DeviceConfig, mesh: DeviceMesh) -> Scene:
 class Pictures:
     """Shows estimates in a view."""
 
-    def __init__(self, view: RerunView, device: Device, tracker: Tracker, readout: AbstractReadout):
+    def __init__(self, view: RerunView, device: Model, tracker: Tracker, readout: AbstractReadout):
         """`tracker`: the one whose estimates are published; its state is read when one is."""
         self._view, self._device, self._tracker, self._readout = view, device, tracker, readout
         self._shown_s = -np.inf

@@ -18,6 +18,7 @@ from softfuse.errors import ConfigError
 from softfuse.estimation.observability import Observability, observability, response
 from softfuse.experiment.observability_figures import maps
 from softfuse.experiment.report import page, picture, table
+from softfuse.functional.chart import facing
 
 
 def observe(
@@ -43,7 +44,7 @@ def observe(
     with busy("meshing", quiet=quiet):
         device = build_device(settings)
     grid = Grid.over(contact.workspace.x, contact.workspace.y, force, side)
-    places = grid.place_m
+    places = facing(grid.point_m, np.array(contact.direction))
     with tracked_calls("pressing", total=len(places), quiet=quiet) as seen:
         answer = response(device, places, force, seen=seen)
     noise, one = np.full(answer.reading.shape[1], 1e-9 * volume_sigma), np.array([force])
@@ -67,7 +68,7 @@ def _write(path: Path, places: np.ndarray, force: float, found: Observability) -
     blind = ("blind_force_sigma_N", "blind_x_sigma_mm", "blind_y_sigma_mm")
     values = np.column_stack(
         [
-            1e3 * places[:, :2],
+            1e3 * places[:, 0, :2],
             np.full(len(places), force),
             found.force_sigma_N,
             1e3 * found.place_sigma_m,

@@ -25,6 +25,7 @@ from softfuse.config.build_electrodes import baseline_edits, gain_edits, with_ga
 from softfuse.config.build_tracker import build_senses
 from softfuse.config.contact import DiscSettings
 from softfuse.estimation.reading_spread import write_spread
+from softfuse.functional.chart import facing
 from softfuse.sensors.pad_senses import PadSenses
 
 
@@ -59,7 +60,9 @@ class PadCalibration(AbstractCalibration):
         # What nothing is felt to touch has read nothing.
         valid = np.array([each.valid & each.touching.any() for each in sensed])
         return Presses(
-            Applied(place[:, None], force, self._unpulled(len(at)), press_numbers(recording, at)),
+            Applied(
+                self._facing(place)[:, None], force, self._unpulled(len(at)), press_numbers(recording, at)
+            ),
             np.array([each.reading for each in sensed]),
             np.where(valid, np.array([each.sigma for each in sensed]), np.inf),
         )
@@ -85,20 +88,19 @@ class PadCalibration(AbstractCalibration):
 
     def at(self, applied, press):
         """Its place in mm."""
-        x, y = 1e3 * applied.place[applied.press == press][0, 0, :2]
+        x, y = 1e3 * applied.place[applied.press == press][0, 0, 0, :2]
         return f"({x:.1f}, {y:.1f}) mm"
 
     def further(self, applied):
         """On a grid over the workspace."""
         grid = self._grid(applied)
         count = len(grid.force_N)
-        return Applied(
-            grid.place_m[:, None], grid.force_N[:, None], self._unpulled(count), -1 - np.arange(count)
-        )
+        places, number = self._facing(grid.point_m), -1 - np.arange(count)
+        return Applied(places[:, None], grid.force_N[:, None], self._unpulled(count), number)
 
     def places_mm(self, further):
         """Seen from above."""
-        return 1e3 * further.place[:, 0, :2]
+        return 1e3 * further.place[:, 0, 0, :2]
 
     def certainty(self, felt, found, further, answer, out):
         """How uncertain readings are over the workspace, as a file; where crossed electrodes lie, how
@@ -123,7 +125,7 @@ class PadCalibration(AbstractCalibration):
             return Electrodes()
         located, pose = self._located(felt), None
         if located is not None:
-            pose = fit_pose(located, build_pose_prior(self.settings), further.place[:, 0, :2])
+            pose = fit_pose(located, build_pose_prior(self.settings), further.place[:, 0, 0, :2])
         counts, away = list[np.ndarray](), list[np.ndarray]()
         for recording, sensed in felt.recordings:
             counts.append(recording.matrix(self._lines)[: len(sensed)])
@@ -147,7 +149,7 @@ class PadCalibration(AbstractCalibration):
             for each in seen
         ]
         sigma = np.sqrt(np.diagonal(np.array(promised), axis1=1, axis2=2))
-        return Located(applied.place[on, 0, :2], location, sigma, dent, applied.press[on])
+        return Located(applied.place[on, 0, 0, :2], location, sigma, dent, applied.press[on])
 
     @property
     def _crossed(self) -> bool:
@@ -162,6 +164,10 @@ class PadCalibration(AbstractCalibration):
     def _unpulled(self, samples: int) -> np.ndarray:
         """Cables of a pad are left alone."""
         return np.zeros((samples, len(self.settings.cables)))
+
+    def _facing(self, points: np.ndarray) -> np.ndarray:
+        """The places of a disc at points."""
+        return facing(points, np.array(self._disc.direction))
 
     def _grid(self, applied: Applied) -> Grid:
         area = self._disc.workspace
@@ -191,4 +197,4 @@ def _signals(felt: Felt) -> LineSignals | None:
         np.array([np.asarray(getattr(each.details, name)) for each in felt.sensed])[on]
         for name in ("signal_counts", "electrode_valid")
     )
-    return LineSignals(applied.place[on, 0, :2], signal, told, applied.press[on])
+    return LineSignals(applied.place[on, 0, 0, :2], signal, told, applied.press[on])

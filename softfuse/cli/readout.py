@@ -12,9 +12,9 @@ from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
 from softfuse.config.build_watched import build_watched
 from softfuse.config.contact import DiscSettings, PatchSettings
-from softfuse.estimation.device import Device
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.contact_accuracy import NOWHERE
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
 
 Value = float | str
@@ -124,7 +124,7 @@ _OF_CONTACT = (
 class FingerReadout(AbstractReadout):
     """Contacts, cables, pressures, points, bending of the centreline."""
 
-    def __init__(self, config: DeviceConfig, device: Device, mesh: DeviceMesh):
+    def __init__(self, config: DeviceConfig, device: Model, mesh: DeviceMesh):
         """The columns of a finger; raises ConfigError for points outside the body."""
         self._watched = build_watched(config, device, mesh)
         self._electrodes = [electrode.name for electrode in config.electrodes]
@@ -201,7 +201,7 @@ class FingerReadout(AbstractReadout):
         return [now.contacts, *plain, residual]
 
 
-def readout_of(config: DeviceConfig, device: Device, mesh: DeviceMesh) -> AbstractReadout:
+def readout_of(config: DeviceConfig, device: Model, mesh: DeviceMesh) -> AbstractReadout:
     """The readout of the device's kind of sensors, which it has."""
     assert config.sensors is not None  # sensor_columns has told
     return PadReadout(config) if config.sensors.vented else FingerReadout(config, device, mesh)

@@ -8,11 +8,11 @@ import typer
 from softfuse.body.body import Body
 from softfuse.cli.terminal import Quiet, busy, stdout, tracked
 from softfuse.config import load
-from softfuse.config.build_device import build_device
+from softfuse.config.build_device import build_device, electrode_places
 from softfuse.config.build_reduction import Teacher, build_regions, reduction_mark
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.atlas import AtlasFolder
-from softfuse.estimation.reduced_device import reduced_device
+from softfuse.rom.atlas import AtlasFolder
+from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import rest_stiffness
 
 
@@ -35,7 +35,7 @@ def reduce(
             teacher = Teacher(settings, device, rest_stiffness(device.body), regions)
         for number in tracked(missing, "reducing", total=len(missing), quiet=quiet):
             chart = teacher.chart(number)
-            small = reduced_device(device, teacher.stiffness, chart)
+            small = reduced_model(device, teacher.stiffness, chart, electrode_places(settings))
             try:
                 folder.write(number, small, chart.basis)
             except OSError as error:

@@ -16,7 +16,7 @@ from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
 from softfuse.errors import SolveError
-from softfuse.estimation.device import simulate as equilibrium_under
+from softfuse.mechanics.model import simulate as equilibrium_under
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.solution import RESULTS, result_name
 from softfuse.mesh.files import write_mesh
@@ -77,4 +77,4 @@ def simulate(
 
 def trial_of(asked: Asked) -> AbstractTrial:
     """What is done to the device's kind of contact; raises SoftfuseError when it cannot be."""
-    return DiscTrial(asked) if isinstance(asked.device.contact, PunchContact) else ElectrodeTrial(asked)
+    return DiscTrial(asked) if isinstance(asked.device.contacts[0], PunchContact) else ElectrodeTrial(asked)

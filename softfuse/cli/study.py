@@ -16,11 +16,11 @@ from softfuse.cli.joined import Joined
 from softfuse.cli.readout import AbstractReadout, Value
 from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
-from softfuse.estimation.device import Device
 from softfuse.estimation.shape_spread import displacement_sigma
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.accuracy import Spread
 from softfuse.hardware.recording import Recording
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
 
 
@@ -38,7 +38,7 @@ class Estimated:
     """A device, a recording of it, and what has been found in its frames so far."""
 
     config: DeviceConfig
-    device: Device
+    device: Model
     mesh: DeviceMesh
     recording: Recording
     found: list[Tracked] = field(default_factory=list)

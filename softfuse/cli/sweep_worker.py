@@ -10,16 +10,18 @@ from functools import lru_cache
 from pathlib import Path
 from threading import Lock
 
+import jax.numpy as jnp
+
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.sweep_table import SweepTable, Value
 from softfuse.cli.version import require_version
 from softfuse.config import DeviceConfig, parse
 from softfuse.config.build_device import build_device
-from softfuse.config.build_sweep import with_moduli, with_shortened
+from softfuse.config.build_sweep import places_of, with_moduli, with_shortened
 from softfuse.config.digest import digest
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.device import Device
 from softfuse.experiment.sweep import Series, outcomes
+from softfuse.mechanics.model import Model
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ def solve_chunk(chunk: Chunk) -> list[list[Value]]:
     for series in chunk.series:
         pressed = with_moduli(device, config, series.modulus_factor)
         begin = time.perf_counter()
-        for k, outcome in enumerate(outcomes(pressed, series)):
+        for k, outcome in enumerate(outcomes(pressed, series, jnp.asarray(places_of(config, series)))):
             end = time.perf_counter()
             rows.append(table.row(series, k, outcome, end - begin))
             begin = end
@@ -96,7 +98,7 @@ _building = Lock()
 
 
 @lru_cache(maxsize=1)
-def _device(pressed: Pressed) -> tuple[DeviceConfig, Device]:
+def _device(pressed: Pressed) -> tuple[DeviceConfig, Model]:
     require_version(pressed.version)
     config = parse(pressed.text, Path(pressed.path))
     if digest(config) != pressed.digest:

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from softfuse.config import DeviceConfig
 from softfuse.config.build_mesh import DeviceMesh
-from softfuse.estimation.device import Device
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
 
 
@@ -19,7 +19,7 @@ class Asked:
     """
 
     config: DeviceConfig
-    device: Device
+    device: Model
     mesh: DeviceMesh
     force: float | None
     at: str | None
@@ -33,7 +33,7 @@ class AbstractTrial(ABC):
 
     @property
     @abstractmethod
-    def device(self) -> Device:
+    def device(self) -> Model:
         """The device, changed as is needed."""
 
     @property

@@ -7,10 +7,12 @@ from typing import Annotated, Self
 import jax.numpy as jnp
 import numpy as np
 from annotated_types import Ge, Le
+from jaxtyping import Float
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from softfuse.body.base import AbstractBody
 from softfuse.functional.cavity import Cavity
+from softfuse.functional.chart import facing
 from softfuse.io.quantity import (
     Compliance,
     Length,
@@ -114,13 +116,22 @@ class ElectrodePlace(Settings):
     span: Vector = (0.0, 0.0, 0.0)
 
     @property
-    def middles(self) -> tuple[Vector, ...]:
-        """Middles (c, 3) m of the patches whose forces stand for one anywhere between them."""
-        if self.span == (0.0, 0.0, 0.0):
-            return (self.centre,)
-        x, y, z = self.centre
-        dx, dy, dz = (0.5 * extent for extent in self.span)
-        return (x - dx, y - dy, z - dz), (x + dx, y + dy, z + dz)
+    def arms(self) -> tuple[float, ...]:
+        """How far from its middle along the span the patches are (c,) [m] whose forces stand for one anywhere
+        between them.
+        """
+        half = 0.5 * float(np.linalg.norm(self.span))
+        return (-half, half) if half else (0.0,)
+
+    @property
+    def place(self) -> Float[np.ndarray, "3 3"]:
+        """The place (3, 3), its first tangent along the span."""
+        place = facing(np.array(self.centre), np.array(self.direction))
+        if any(self.span):
+            place[1] = np.array(self.span) / np.linalg.norm(self.span)
+            into = np.array(self.direction) / np.linalg.norm(self.direction)
+            place[2] = np.cross(place[1], into)
+        return place
 
 
 class PointSettings(Settings):

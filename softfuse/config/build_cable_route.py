@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 from softfuse.config.design_plan import AXES, DesignPlan
 from softfuse.config.device import DeviceConfig
 from softfuse.errors import ConfigError
-from softfuse.estimation.device import Device, with_attached
 from softfuse.mechanics.cable import PulledCable
+from softfuse.mechanics.model import Model, with_actuators
 from softfuse.mechanics.points import PointPorts
 
 
@@ -61,7 +61,7 @@ class CableRoute(eqx.Module):
         )
         return config.model_copy(update={"cables": cables})
 
-    def on_device(self, device: Device, theta: Float[Array, " p"]) -> Device:
+    def on_device(self, device: Model, theta: Float[Array, " p"]) -> Model:
         """The device, built with any guides, with those of parameters (p,); differentiable."""
         guides = iter(self.guides(theta))
 
@@ -69,4 +69,4 @@ class CableRoute(eqx.Module):
             assert isinstance(cable.ports, PointPorts)
             return replace(cable, ports=cable.ports.moved_to(next(guides)))
 
-        return with_attached(device, PulledCable, moved)
+        return with_actuators(device, PulledCable, moved)

@@ -30,13 +30,13 @@ from softfuse.config.device import DeviceConfig
 from softfuse.config.file import Edits, Key
 from softfuse.config.material import Material, OneModulus, SeveralModuli
 from softfuse.errors import ConfigError
-from softfuse.estimation.device import Device
 from softfuse.material.base import AbstractMaterial
 from softfuse.material.yeoh import Yeoh
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.punch import PunchContact
 
 
-def fitted_device(config: DeviceConfig, device: Device) -> Device:
+def fitted_device(config: DeviceConfig, device: Model) -> Model:
     """A config's device as it is known in presses: its cables are shortened by lengths that are measured, or
     left alone, and it reads the volumes or the pressures of its cavities.
     """
@@ -46,7 +46,7 @@ def fitted_device(config: DeviceConfig, device: Device) -> Device:
     return replace(with_shortened(device, (lengths,) * cables), gauges=tuple(range(cables, cables + sealed)))
 
 
-def build_adjustments(config: DeviceConfig, device: Device, mesh: DeviceMesh) -> Adjustments:
+def build_adjustments(config: DeviceConfig, device: Model, mesh: DeviceMesh) -> Adjustments:
     """What [calibration] says may differ from the config, of its `fitted_device` on a mesh.
 
     Raises ConfigError when the device has no sensors, cables of unknown length, or nothing may differ.
@@ -91,13 +91,13 @@ def adjustments_of_presses(
     if lengths is not None and not np.any(applied.prescribed[:, : len(config.cables)] > lengths.slack):
         groups = tuple(group for group in groups if not isinstance(group, CableZeros | CableCompliances))
     if isinstance(config.contact, PatchSettings) and config.contact.forces(config.electrodes) > 1:
-        electrodes = [electrode.name for electrode in config.electrodes]
+        electrodes = {each.name: np.array(each.place) for each in config.electrodes}
         sigma = _place_sigma(config.contact, config.electrodes)
         groups = (*groups, ContactPlaces.of(applied, called, electrodes, sigma))
     return Adjustments(groups)
 
 
-def _attached_adjustments(config: DeviceConfig, device: Device) -> list[AbstractAdjustment]:
+def _attached_adjustments(config: DeviceConfig, device: Model) -> list[AbstractAdjustment]:
     may, groups = config.calibration, list[AbstractAdjustment]()
     lengths = config.sensors is not None and config.sensors.cable is not None
     cables = [cable.name for cable in config.cables] if lengths else []
@@ -119,7 +119,7 @@ def _place_sigma(contact: PatchSettings, electrodes: Sequence[ElectrodePlace]) -
 
 
 def calibrated_edits(
-    config: DeviceConfig, device: Device, adjustments: Adjustments, value: Float[np.ndarray, " p"]
+    config: DeviceConfig, device: Model, adjustments: Adjustments, value: Float[np.ndarray, " p"]
 ) -> Edits:
     """The edits of a config that make its device one with parameters (p,)."""
     made = adjustments.adjusted(device, value)
@@ -136,8 +136,9 @@ def calibrated_edits(
                     for key, said in _material(material, law).items():
                         edits["body", "material", k, key] = said
             case Layer():
-                assert isinstance(made.contact, PunchContact)
-                compliance = float(made.contact.disc.compliance)
+                disc = made.contacts[0]
+                assert isinstance(disc, PunchContact)
+                compliance = float(disc.disc.compliance)
                 edits["contact", "compliance"] = f"{1e9 * compliance:.6g} mm/MPa"
             case Walls():
                 edits |= _cavities(config, dict(zip(group.names, part, strict=True)))

@@ -17,7 +17,7 @@ from softfuse.config.build_cavity_count import channel_edits
 from softfuse.config.build_device import build_device
 from softfuse.config.build_electrode_pitch import ElectrodePitch, touched
 from softfuse.config.build_mesh import device_mesh
-from softfuse.config.build_sweep import build_series
+from softfuse.config.build_sweep import build_series, places_of
 from softfuse.config.cavity_shapes import written_centre, written_shape
 from softfuse.config.design_plan import (
     AnyMeasure,
@@ -32,7 +32,7 @@ from softfuse.config.design_plan import (
 )
 from softfuse.config.device import DeviceConfig
 from softfuse.config.file import edit, moved, saved
-from softfuse.config.sweep_plan import ElectrodePlaces, SweepPlan
+from softfuse.config.sweep_plan import SweepPlan
 from softfuse.design.layout import Parameter, TiedLayout
 from softfuse.design.layout_mesh import Fineness, LayoutMesh
 from softfuse.design.limits import Limit
@@ -56,8 +56,8 @@ from softfuse.design.outline import Outline
 from softfuse.design.problem import Problem, Walls, untouched
 from softfuse.design.search import SearchSettings
 from softfuse.errors import ConfigError
-from softfuse.estimation.device import Device
 from softfuse.functional.material_points import MaterialPoints
+from softfuse.mechanics.model import Model
 from softfuse.mesh.block import edge_distance
 from softfuse.mesh.files import write_mesh
 from softfuse.mesh.pad import finer_to_the_top
@@ -117,7 +117,7 @@ def build_problem(plan: DesignPlan, config: DeviceConfig) -> Problem:
 
     route, pitch = CableRoute.of(plan, config), ElectrodePitch.of(plan, config)
 
-    def build(mesh: LayoutMesh, theta: Float[np.ndarray, " p"]) -> Device:
+    def build(mesh: LayoutMesh, theta: Float[np.ndarray, " p"]) -> Model:
         routed = route.configured(config, theta)
         return build_device(routed, device_mesh(routed, mesh.mesh(theta), mesh.walls))
 
@@ -198,7 +198,7 @@ def finer_config(config: DeviceConfig, times: float) -> DeviceConfig:
 
 
 def build_places(plan: DesignPlan, config: DeviceConfig) -> tuple[Array, tuple[str, ...]]:
-    """Where the device is pressed, (s, 3) m or numbers of electrodes (s,), and the names of electrodes.
+    """The places (s, 3, 3) where the device is pressed, and the names of electrodes.
 
     Raises ConfigError when the places do not suit the device.
     """
@@ -206,10 +206,10 @@ def build_places(plan: DesignPlan, config: DeviceConfig) -> tuple[Array, tuple[s
         {"places": plan.places, "forces": {"values": ["1 N"]}},
         context={"folder": plan.path.parent, "path": plan.path},
     )
-    alone = np.array([series.places[0] for series in build_series(presses, config)])
-    if isinstance(plan.places, ElectrodePlaces):
-        return jnp.asarray(alone), tuple(config.electrodes[k].name for k in alone)
-    return jnp.asarray(np.pad(alone, ((0, 0), (0, 1)))), ()
+    alone = build_series(presses, config)
+    places = jnp.asarray(np.concatenate([places_of(config, series) for series in alone]))
+    numbers = [k for series in alone for k in series.places if isinstance(k, int)]
+    return places, tuple(config.electrodes[k].name for k in numbers)
 
 
 def build_measure(plan: DesignPlan, settings: AnyMeasure, names: Sequence[str]) -> AbstractMeasure:
@@ -249,7 +249,7 @@ def _noise(config: DeviceConfig, plan: DesignPlan) -> Float[np.ndarray, " k"]:
     return np.append(cables, np.full(len(plan.cavities), plan.noise.pressure))
 
 
-def _watched(config: DeviceConfig, device: Device) -> MaterialPoints | None:
+def _watched(config: DeviceConfig, device: Model) -> MaterialPoints | None:
     if config.centreline is not None:
         return build_centreline(config, device.body)
     return build_points(config, device.body) if config.points else None

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from softfuse.body.body import Body
 from softfuse.body.element import ELEMENTS
@@ -14,21 +15,22 @@ from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.contact import PatchSettings, PunchSettings, UniformSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.errors import ConfigError
-from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import StepSettings
 from softfuse.estimation.limits import Limits, Rates
 from softfuse.functional.cavity import Cavity
 from softfuse.mechanics.load import Loads
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.patch import PatchContact
 from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.reading import AbstractReading, AnswerReading, ShapeReading
 from softfuse.mesh.surface import outer_surface
 
 CONTACT_MODELS = {"punch": PunchSettings.cells, "uniform": UniformSettings.cells}
 """Pressure cells of each disc that a contact may be."""
 
 
-def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Device:
+def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Model:
     """The device of a config, on its own mesh or one that was built before.
 
     Raises ConfigError when the config has no contact, MeshError when the mesh is not fit for it.
@@ -51,10 +53,16 @@ def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Device
     if isinstance(contact, PatchContact):
         _check_electrodes(config, contact, body)
     cavities = tuple(Cavity(jnp.asarray(cavity.faces)) for cavity in mesh.cavities)
-    attached = build_attached(config, body, cavities)
-    vented = cavities if config.gas is None else ()
-    gauges = tuple(range(Loads(attached).sizes.drives))
-    return Device(body, vented, contact, Multifrontal.plan(body), attached, gauges)
+    actuators = build_attached(config, body, cavities)
+    drives = Loads(actuators).sizes.drives
+    readings: list[AbstractReading] = [ShapeReading(each) for each in cavities if config.gas is None]
+    readings += [AnswerReading(tuple(range(drives)))] if drives else []
+    return Model(body, tuple(readings), (contact,), Multifrontal.plan(body), actuators)
+
+
+def electrode_places(config: DeviceConfig) -> Float[np.ndarray, "e 3 3"]:
+    """The places of the electrodes of a config, the first tangent along their spans."""
+    return np.array([electrode.place for electrode in config.electrodes]).reshape(-1, 3, 3)
 
 
 def _check_electrodes(config: DeviceConfig, contact: PatchContact, body: Body) -> None:
@@ -65,7 +73,7 @@ def _check_electrodes(config: DeviceConfig, contact: PatchContact, body: Body) -
         apart = jnp.linalg.norm(jnp.einsum("ps,psi->pi", on.shape, body.rest[on.nodes]) - middles, axis=1)
         return jnp.all(on.met & (apart <= contact.radius))
 
-    on_surface = np.asarray(jax.vmap(landed)(jnp.arange(len(config.electrodes))))
+    on_surface = np.asarray(jax.vmap(landed)(jnp.asarray(electrode_places(config))))
     if not on_surface.all():
         k = int(np.argmin(on_surface))
         raise ConfigError(
@@ -75,14 +83,14 @@ def _check_electrodes(config: DeviceConfig, contact: PatchContact, body: Body) -
         )
 
 
-def with_contact_model(device: Device, model: str) -> Device:
+def with_contact_model(device: Model, model: str) -> Model:
     """The same device pressed by another disc, "punch" or "uniform".
 
     Raises ConfigError when it is pressed by patches.
     """
-    if not isinstance(device.contact, PunchContact):
+    if not isinstance(device.contacts[0], PunchContact):
         raise ConfigError(f'contact.model: a device that is pressed by a "patch" has no "{model}"')
-    return eqx.tree_at(lambda d: d.contact.disc.cells, device, CONTACT_MODELS[model]())
+    return eqx.tree_at(lambda d: d.contacts[0].disc.cells, device, CONTACT_MODELS[model]())
 
 
 def build_limits(config: DeviceConfig, contacts: int) -> Limits:

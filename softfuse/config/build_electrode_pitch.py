@@ -100,9 +100,9 @@ class ElectrodePitch(eqx.Module):
 
 
 def touched(
-    plan: DesignPlan, config: DeviceConfig, pitch: ElectrodePitch, places: Float[Array, "s 3"]
+    plan: DesignPlan, config: DeviceConfig, pitch: ElectrodePitch, places: Float[Array, "s 3 3"]
 ) -> Callable[[Array], Float[Array, "s 2 2"]]:
-    """Information (s, 2, 2) 1/m² of the electrodes with parameters (p,) on places (s, 3) m of contacts.
+    """Information (s, 2, 2) 1/m² of the electrodes with parameters (p,) on places (s, 3, 3) of contacts.
 
     Crossed lines see contacts as strong as make them tell contact (contact_on_counts); a grid sees firm ones
     (firm_on). Raises ConfigError when the device has no rows and columns of electrodes.
@@ -116,7 +116,7 @@ def touched(
             def by_lines(theta: Array) -> Float[Array, "s 2 2"]:
                 columns, rows = pitch.lines(theta)
                 moved = eqx.tree_at(lambda m: (m.column_x_m, m.row_y_m), peak, (columns, rows))
-                return place_told_by_lines(moved, charge, places[:, :2])
+                return place_told_by_lines(moved, charge, places[:, 0, :2])
 
             return by_lines
         case MutualSettings():
@@ -128,7 +128,7 @@ def touched(
                 # Lines as wide as their pitch stay so.
                 width = moved.half_width_m if lines.shape.electrode_width else 0.5 * moved.pitch_m
                 moved = eqx.tree_at(lambda m: m.half_width_m, moved, width)
-                return place_told_by_grid(moved, lines.touch.firm_on, places[:, :2])
+                return place_told_by_grid(moved, lines.touch.firm_on, places[:, 0, :2])
 
             return by_grid
     raise ConfigError(

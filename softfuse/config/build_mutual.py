@@ -8,6 +8,7 @@ from softfuse.config.contact import DiscSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.config.mutual import MutualSettings
 from softfuse.errors import ConfigError
+from softfuse.functional.chart import FlatChart
 from softfuse.sensors.capacitive import capacitive_array
 from softfuse.sensors.mutual import MutualGrid
 from softfuse.sensors.mutual_fit import splitting
@@ -27,6 +28,7 @@ def build_mutual_senses(config: DeviceConfig) -> MutualSenses:
         flow_sensor(config.sensors.flow),
         mutual_grid(config.sensors.mutual),
         jnp.stack([jnp.asarray(area.x), jnp.asarray(area.y)], axis=1),
+        FlatChart.along(np.array(config.contact.direction)),
         contacts=config.contact.max_contacts,
     )
 

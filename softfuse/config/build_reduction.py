@@ -6,19 +6,19 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
-from softfuse.config.build_device import build_limits
+from softfuse.config.build_device import build_limits, electrode_places
 from softfuse.config.contact import DiscSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.config.digest import digest
 from softfuse.errors import ConfigError, SolveError
-from softfuse.estimation.atlas import Atlas, AtlasFolder
-from softfuse.estimation.device import Device, simulate
+from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.solution import RESULTS
-from softfuse.rom.cells import AbstractRegions, Cells, Electrodes
+from softfuse.rom.atlas import Atlas, AtlasFolder
+from softfuse.rom.cells import AbstractRegions, Cells, Spots
 from softfuse.rom.chart import Chart
 from softfuse.rom.load_paths import LoadPath, presses, pushes
 from softfuse.rom.reach import places_over
@@ -41,10 +41,10 @@ def build_regions(config: DeviceConfig) -> AbstractRegions:
     if config.contact is None:
         raise ConfigError(f"{config.path}: contact: missing, a device is reduced for what presses on it")
     if not isinstance(config.contact, DiscSettings):
-        return Electrodes(len(config.electrodes))
+        return Spots(electrode_places(config))
     workspace = config.contact.workspace
     low, high = zip(workspace.x, workspace.y, strict=True)
-    return Cells.over(low, high, config.reduction.cell)
+    return Cells.over(low, high, config.reduction.cell, config.contact.direction)
 
 
 def reduction_mark(config: DeviceConfig) -> str:
@@ -53,7 +53,7 @@ def reduction_mark(config: DeviceConfig) -> str:
     return f"{_REVISION}-{digest(config, parts)}"
 
 
-def with_charts(config: DeviceConfig, device: Device, folder: Path | None) -> Device | Atlas:
+def with_charts(config: DeviceConfig, device: Model, folder: Path | None) -> Model | Atlas:
     """The charts of a folder that were made of the config's device; the device itself without a folder.
 
     Raises ConfigError when the config has no contact, SoftfuseError when a chart is missing, damaged or
@@ -69,7 +69,7 @@ class Teacher:
     """Makes the charts of a full device, which has that stiffness at rest."""
 
     config: DeviceConfig
-    device: Device
+    device: Model
     stiffness: RestStiffness
     regions: AbstractRegions
 
@@ -102,8 +102,7 @@ class Teacher:
         assert contact is not None
         if travel is None:
             return contact.max_force
-        middle = self.regions[number].centre if isinstance(self.regions, Cells) else number
-        place, drives = jnp.asarray(middle)[None], self.device.contact.drives
+        place, drives = jnp.asarray(self._middle(number))[None], self.device.contacts[0].drives
         force = _LIGHT * contact.max_force
         drive = self.device.rest_state(place).drive.at[:drives].set(force / drives)
         found = simulate(self.device, place, drive)
@@ -113,6 +112,13 @@ class Teacher:
         moved = float(jnp.max(jnp.linalg.norm(shape, axis=1)))
         return min(contact.max_force, travel * force / moved)
 
+    def _middle(self, number: int) -> Float[np.ndarray, "3 3"]:
+        """The place in the middle of a region."""
+        if isinstance(self.regions, Cells):
+            return self.regions[number].at(np.zeros(2))
+        assert isinstance(self.regions, Spots)
+        return self.regions.places[number]
+
     def _lesson(self, number: int) -> tuple[list[LoadPath], list[Array]]:
         """The load paths in a region, and places (1, ...) all over it."""
         given = self.config.reduction
@@ -120,12 +126,13 @@ class Teacher:
         if isinstance(self.regions, Cells):
             cell = self.regions[number]
             paths = presses(cell, force, side=given.side, levels=given.levels, near=given.near)
-            assert isinstance(self.device.contact, PunchContact)
-            over = places_over(cell, self.device.contact.disc, np.asarray(self.device.body.rest))
+            contact = self.device.contacts[0]
+            assert isinstance(contact, PunchContact)
+            over = places_over(cell, contact.disc, np.asarray(self.device.body.rest))
             return paths, [jnp.asarray(place)[None] for place in over]
-        limits, place = build_limits(self.config, 1), jnp.array([number])
+        limits, place = build_limits(self.config, 1), jnp.asarray(self._middle(number))[None]
         low, high = np.asarray(limits.lower), np.array(limits.upper)
-        patches = self.device.contact.drives
+        patches = self.device.contacts[0].drives
         cables = slice(patches, patches + len(self.config.cables))
         high[:patches], high[cables] = force, np.minimum(high[cables], given.tension or np.inf)
         return pushes(place, patches, low, high, levels=given.levels, near=given.near), [place]

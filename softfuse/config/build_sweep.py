@@ -6,8 +6,10 @@ from dataclasses import replace
 from itertools import chain, combinations, islice, product
 
 import numpy as np
+from jaxtyping import Float
 
 from softfuse.body.body import Body
+from softfuse.config.build_device import electrode_places
 from softfuse.config.build_material import build_materials
 from softfuse.config.contact import DiscSettings, PatchSettings
 from softfuse.config.device import DeviceConfig
@@ -20,9 +22,10 @@ from softfuse.config.sweep_plan import (
     SweepPlan,
 )
 from softfuse.errors import ConfigError
-from softfuse.estimation.device import Device
 from softfuse.experiment.sweep import Series
+from softfuse.functional.chart import facing
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.model import Model
 
 MOST_CASES = 1_000_000
 _TRIES = 10_000
@@ -48,23 +51,31 @@ def build_series(plan: SweepPlan, config: DeviceConfig) -> list[Series]:
     ]
 
 
+def places_of(config: DeviceConfig, series: Series) -> Float[np.ndarray, "c 3 3"]:
+    """The places (c, 3, 3) of a series."""
+    if isinstance(config.contact, DiscSettings):
+        points = [(*place, 0.0) for place in series.places if not isinstance(place, int)]
+        return facing(np.array(points), np.array(config.contact.direction))
+    return electrode_places(config)[np.array(series.places, int)]
+
+
 def shortened_cables(plan: SweepPlan, config: DeviceConfig) -> tuple[bool, ...]:
     """Of each of the config's cables, whether the plan shortens it; it is pulled otherwise."""
     by_length = {cable.name for cable in plan.cables if cable.shortening is not None}
     return tuple(cable.name in by_length for cable in config.cables)
 
 
-def with_shortened(device: Device, shortened: tuple[bool, ...]) -> Device:
+def with_shortened(device: Model, shortened: tuple[bool, ...]) -> Model:
     """A device of a config with those of its cables shortened instead of pulled."""
     count = len(shortened)
     cables = [
         ShortenedCable.of(cable, device.body) if by_length and isinstance(cable, PulledCable) else cable
-        for cable, by_length in zip(device.attached[:count], shortened, strict=True)
+        for cable, by_length in zip(device.actuators[:count], shortened, strict=True)
     ]
-    return replace(device, attached=(*cables, *device.attached[count:]))
+    return replace(device, actuators=(*cables, *device.actuators[count:]))
 
 
-def with_moduli(device: Device, config: DeviceConfig, factor: float) -> Device:
+def with_moduli(device: Model, config: DeviceConfig, factor: float) -> Model:
     """A device of a config with all moduli of all materials multiplied by a factor."""
     scaled = tuple(each.model_copy(update=each.stiffness_times(factor)) for each in config.body.materials)
     settings = config.body.model_copy(update={"materials": scaled})

@@ -1,21 +1,22 @@
 """From settings to what turns the frames of a device's sensors into contacts, forces and shape."""
 
-from dataclasses import replace
-
 import jax.numpy as jnp
+import numpy as np
 
-from softfuse.config.build_device import build_limits, build_step_settings
+from softfuse.config.build_device import build_limits, build_step_settings, electrode_places
 from softfuse.config.build_finger_sensors import build_finger_sensors
 from softfuse.config.build_mutual import build_mutual_senses
 from softfuse.config.build_sensors import build_sensors
 from softfuse.config.contact import DiscSettings, PatchSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.errors import ConfigError
-from softfuse.estimation.atlas import Atlas
-from softfuse.estimation.device import Device
 from softfuse.estimation.model_error import ModelError
 from softfuse.estimation.reading_spread import read_spread
 from softfuse.estimation.tracker import Tracker, TrackerSettings
+from softfuse.functional.chart import FlatChart
+from softfuse.functional.workspace import FlatWorkspace
+from softfuse.mechanics.model import Model
+from softfuse.rom.atlas import Atlas
 from softfuse.sensors.array_pose import ArrayPose
 from softfuse.sensors.finger_senses import FingerSenses
 from softfuse.sensors.mutual_senses import MutualSenses
@@ -46,7 +47,8 @@ def _pad_senses(config: DeviceConfig) -> PadSenses:
         )
     workspace = config.contact.workspace
     low_high = jnp.stack([jnp.asarray(workspace.x), jnp.asarray(workspace.y)], axis=1)
-    return PadSenses(sensors, low_high, _LOCATE[config.sensors.capacitive.location], _pose(config))
+    chart = FlatChart.along(np.array(config.contact.direction))
+    return PadSenses(sensors, low_high, _LOCATE[config.sensors.capacitive.location], _pose(config), chart)
 
 
 def _pose(config: DeviceConfig) -> ArrayPose:
@@ -75,7 +77,7 @@ def _finger_senses(config: DeviceConfig) -> FingerSenses:
         electrodes,
         jnp.broadcast_to(jnp.array(config.sensors.pressure.gain), (len(config.cavities),)),
         jnp.asarray(config.sensors.pressure.model_error),
-        jnp.array([electrode.centre for electrode in config.electrodes]),
+        jnp.asarray(electrode_places(config)),
         cable_zero_m=jnp.array(zero) * cables,
         cable_sigma_m=noise * cables,
         slack_m=slack * cables,
@@ -98,7 +100,7 @@ def build_model_error(config: DeviceConfig) -> ModelError:
     return ModelError(part, spread=read_spread(path, len(config.cavities)))
 
 
-def build_tracker(config: DeviceConfig, device: Device | Atlas) -> Tracker:
+def build_tracker(config: DeviceConfig, device: Model | Atlas) -> Tracker:
     """The tracker of the config's sensors on the device, or on the charts of it; compiled.
 
     Raises ConfigError when the config has no sensors or no contact.
@@ -107,7 +109,13 @@ def build_tracker(config: DeviceConfig, device: Device | Atlas) -> Tracker:
     contacts = senses.contacts if isinstance(senses, FingerSenses | MutualSenses) else 1
     limits = build_limits(config, contacts)
     settings = TrackerSettings(config.estimator.poor_fit, build_model_error(config))
-    if isinstance(config.contact, DiscSettings):
-        x, y = config.contact.workspace.x, config.contact.workspace.y
-        settings = replace(settings, workspace_m=tuple(zip(x, y, strict=True)))
-    return Tracker(senses, device, limits, settings, build_step_settings(config))
+    steps = build_step_settings(config)
+    return Tracker(senses, device, limits, settings, steps, workspace=build_workspace(config))
+
+
+def build_workspace(config: DeviceConfig) -> FlatWorkspace | None:
+    """Where discs may press; None where contacts are at electrodes."""
+    if not isinstance(config.contact, DiscSettings):
+        return None
+    low, high = np.array([config.contact.workspace.x, config.contact.workspace.y]).T
+    return FlatWorkspace(FlatChart.along(np.array(config.contact.direction)), low, high)

@@ -131,10 +131,9 @@ class PatchSettings(ContactSettings):
         del rest
         return PatchContact.on(
             faces,
-            np.array([electrode.middles for electrode in electrodes]),
-            np.array([electrode.direction for electrode in electrodes]),
             uniform(rings=_PATCH_RINGS, angles=_PATCH_ANGLES),
             self.radius,
+            electrodes[0].arms,
         )
 
     def check_electrodes(self, electrodes):
@@ -151,14 +150,16 @@ class PatchSettings(ContactSettings):
                 f"give a number from 1 to {count}",
                 key="contact.max_contacts",
             )
-        first = self.forces(electrodes)
+        first = electrodes[0].arms
         for k, electrode in enumerate(electrodes):
-            if len(electrode.middles) != first:
-                raise wrong_value("give a span to all electrodes or to none", key=f"electrode[{k}].span")
+            if not np.allclose(electrode.arms[-1], first[-1], rtol=1e-9, atol=0.0):
+                raise wrong_value(
+                    "give all electrodes spans of the same length, or none", key=f"electrode[{k}].span"
+                )
 
     def forces(self, electrodes):
         """One on each patch of an electrode."""
-        return len(electrodes[0].middles)
+        return len(electrodes[0].arms)
 
 
 AnyContact = Annotated[PunchSettings | UniformSettings | PatchSettings, Field(discriminator="model")]

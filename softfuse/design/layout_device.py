@@ -10,10 +10,10 @@ from jaxtyping import Array, Float
 from softfuse.body.body import Body
 from softfuse.design.layout_mesh import LayoutMesh
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.device import Device, with_body
+from softfuse.mechanics.model import Model, with_body
 
 
-def device_at(device: Device, mesh: LayoutMesh, theta: Float[Array, " p"]) -> Device:
+def device_at(device: Model, mesh: LayoutMesh, theta: Float[Array, " p"]) -> Model:
     """The device with parameters (p,), built on `mesh` for any others; differentiable in them.
 
     Raises SoftfuseError when the device's body is reduced, or was built on another mesh.

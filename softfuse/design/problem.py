@@ -26,9 +26,9 @@ from softfuse.design.objective import AbstractMeasure, Answers, measured
 from softfuse.design.straining import largest_strain
 from softfuse.design.thickness import clearances, slacks, wall_names, wall_thicknesses
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.device import Device
 from softfuse.estimation.rest_response import place_response, rest_response
 from softfuse.functional.material_points import MaterialPoints
+from softfuse.mechanics.model import Model
 from softfuse.mesh.surface import Surface
 
 
@@ -79,7 +79,7 @@ class Problem:
     """A design task.
 
     build: the device on a mesh with parameters (p,), such as `build_device` makes it; places (s, ...): where
-    it is pressed, see `Device.contact`; noise (k,) [SI]: standard deviations of readings; by_place: whether
+    it is pressed, see `Model.contact`; noise (k,) [SI]: standard deviations of readings; by_place: whether
     it counts how readings change with the place; watch: the points of a device whose motion counts, such as
     `MaterialPoints.embedded` finds them; follow: what else of a device follows parameters (p,) besides its
     cavities, differentiably; guides: points (m, 3) m in the material with parameters (p,) that have to be as
@@ -89,15 +89,15 @@ class Problem:
 
     layout: AbstractLayout
     fineness: Fineness
-    build: Callable[[LayoutMesh, Float[np.ndarray, " p"]], Device]
+    build: Callable[[LayoutMesh, Float[np.ndarray, " p"]], Model]
     places: Array
     noise: Float[np.ndarray, " k"]
     objective: AbstractMeasure
     limits: tuple[Limit, ...] = ()
     walls: Walls = Walls(0.0, {})
     by_place: bool = False
-    watch: Callable[[Device], MaterialPoints | None] = lambda device: None
-    follow: Callable[[Device, Array], Device] = lambda device, theta: device
+    watch: Callable[[Model], MaterialPoints | None] = lambda device: None
+    follow: Callable[[Model, Array], Model] = lambda device, theta: device
     guides: Callable[[Array], Array] = no_guides
     touched: Callable[[Array], Array] = untouched
 
@@ -106,12 +106,12 @@ class Problem:
         """The objective, then those of the limits."""
         return (self.objective, *(limit.measure for limit in self.limits))
 
-    def watched(self, device: Device, walls: Sequence[Surface]) -> Watched:
+    def watched(self, device: Model, walls: Sequence[Surface]) -> Watched:
         """What is watched of a device whose cavities have these walls, normals into the material."""
         facing = Facing.of(np.asarray(device.body.rest), [wall.faces for wall in walls])
         return Watched(self.watch(device), facing)
 
-    def answers(self, device: Device, watched: Watched, theta: Float[Array, " p"]) -> Answers:
+    def answers(self, device: Model, watched: Watched, theta: Float[Array, " p"]) -> Answers:
         """How a device answers to the presses, with electrodes of parameters (p,); differentiable in both."""
         if self.by_place:
             found, by_place = place_response(device, self.places)
@@ -131,7 +131,7 @@ class Problem:
         touched = jnp.broadcast_to(self.touched(theta), (len(self.places), 2, 2))
         return Answers(found.by_force, by_place, found.softness, motion, closing, strain, noise, touched)
 
-    def answered(self, device: Device, walls: Sequence[Surface], theta: Float[np.ndarray, " p"]) -> Answers:
+    def answered(self, device: Model, walls: Sequence[Surface], theta: Float[np.ndarray, " p"]) -> Answers:
         """The answers of a device whose cavities have these walls, with electrodes of parameters (p,),
         compiled for it.
         """
@@ -160,7 +160,7 @@ class Problem:
         return eqx.filter_jit(valued)
 
     def _measured(
-        self, device: Device, mesh: LayoutMesh, watched: Watched, theta: Float[Array, " p"]
+        self, device: Model, mesh: LayoutMesh, watched: Watched, theta: Float[Array, " p"]
     ) -> Float[Array, " m"]:
         answers = self.answers(self.follow(device_at(device, mesh, theta), theta), watched, theta)
         return measured(self.measures, answers)
@@ -180,7 +180,7 @@ class MeshedProblem:
 
     problem: Problem
     mesh: LayoutMesh
-    device: Device
+    device: Model
 
     def remade(self, theta: Float[np.ndarray, " p"]) -> "MeshedProblem":
         """On a mesh made for parameters (p,), if possible of the same tetrahedra.
@@ -208,7 +208,7 @@ class MeshedProblem:
         return self.problem.watched(self.device, self.mesh.walls)
 
     @property
-    def _given(self) -> tuple[Device, LayoutMesh, Watched]:
+    def _given(self) -> tuple[Model, LayoutMesh, Watched]:
         # A number that is no array is part of the program.
         return self.device, replace(self.mesh, made_quality=1.0), self.watched
 

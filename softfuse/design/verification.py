@@ -12,8 +12,8 @@ from softfuse.body.body import Body
 from softfuse.design.facing import Facing
 from softfuse.design.straining import largest_stretch
 from softfuse.errors import SolveError
-from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.side_by_side import side_by_side
+from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
 
 
@@ -43,14 +43,14 @@ class Pressed:
 
 
 def pressed(
-    device: Device,
+    device: Model,
     walls: Sequence[Int[np.ndarray, "f c"]],
     places: Array,
     force_N: float,
     *,
     seen: Callable[[], None] = lambda: None,
 ) -> Pressed:
-    """Press at places (s, ...) with a force [N], in equal parts on the patches of an electrode.
+    """Press at places (s, 3, 3) with a force [N], in equal parts on the patches of an electrode.
 
     walls: faces of each cavity, see `Facing.of`; `seen` is called after each place.
 
@@ -61,13 +61,13 @@ def pressed(
         raise SolveError("a reduced body does not tell strains: press the full one")
     facing = Facing.of(np.asarray(body.rest), walls)
     rest = np.asarray(device.rest_state(places[:1]).drive)
-    parts = device.contact.drives
+    parts = device.contacts[0].drives
     drive = np.concatenate([np.full(parts, force_N / parts), rest[parts:]])
 
     def one(place: np.ndarray) -> tuple[np.ndarray, ...]:
         answer, result = _pressed(device, facing, jnp.asarray(place), jnp.asarray(drive))
         if not bool(result == RESULTS.converged):
-            raise SolveError(f"no equilibrium under {force_N:g} N at {place.tolist()}: {RESULTS[result]}")
+            raise SolveError(f"no equilibrium under {force_N:g} N at {place[0].tolist()}: {RESULTS[result]}")
         seen()
         return tuple(np.asarray(each) for each in answer)
 
@@ -76,12 +76,12 @@ def pressed(
 
 
 @eqx.filter_jit
-def _pressed(device: Device, facing: Facing, place: Array, drive: Array) -> tuple[tuple[Array, ...], RESULTS]:
+def _pressed(device: Model, facing: Facing, place: Array, drive: Array) -> tuple[tuple[Array, ...], RESULTS]:
     at, body = place[None], device.body
     assert isinstance(body, Body)
     solution = simulate(device, at, drive)
     state, rest = solution.state, device.rest_state(at)
-    reading = device.reading(state) - device.reading(rest)
+    reading = device.reading(state, at) - device.reading(rest, at)
     opened = facing.gaps(body.rest + body.displacement(state.z)) / facing.gaps(body.rest)
     answer = reading, device.depth(at, state), jnp.min(opened), largest_stretch(body, state.z)
     return answer, solution.result

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.estimation.device import Device
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.live_step import LiveStep, Ready
 from softfuse.estimation.step import Observation, StepReport
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
 
 
@@ -69,7 +69,7 @@ class Estimator:
 
     def __init__(
         self,
-        device: Device,
+        device: Model,
         limits: Limits,
         places: Array,
         settings: StepSettings = DEFAULT_STEPS,

@@ -19,12 +19,12 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from softfuse.errors import SolveError
-from softfuse.estimation.device import Device
 from softfuse.estimation.kept_programs import lowered
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.packing import Packed, Packing
 from softfuse.estimation.step import Observation, PlacePrior, StepReport, estimate_step
 from softfuse.mechanics.linearised import loaded_tangents
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
 
 _LEAST_MOTION = 1e-3
@@ -60,22 +60,22 @@ class _After(NamedTuple):
 class Ready(NamedTuple):
     """A device as the compiled programs want it: its arrays, the step of it, and how it rests."""
 
-    arrays: Device
+    arrays: Model
     step: Callable[[Carried, Packed], _After]
     rest: Carried
 
 
-def _rest(static: Device, arrays: Device, places: Array) -> State:
+def _rest(static: Model, arrays: Model, places: Array) -> State:
     return eqx.combine(arrays, static).rest_state(places)
 
 
-def _begun(static: Device, arrays: Device, state: State, places: Array) -> Carried:
+def _begun(static: Model, arrays: Model, state: State, places: Array) -> Carried:
     device = eqx.combine(arrays, static)
     factor = device.linear.factor(loaded_tangents(device.body, device.loads(places), state))
     return Carried(state, factor, state.z, device.body.residual(state.z))
 
 
-def _known(static: Device, arrays: Device, state: State, places: Array) -> Carried:
+def _known(static: Model, arrays: Model, state: State, places: Array) -> Carried:
     del places
     device = eqx.combine(arrays, static)
     rest = jnp.zeros_like(state.z)
@@ -83,7 +83,7 @@ def _known(static: Device, arrays: Device, state: State, places: Array) -> Carri
 
 
 def _stepped(
-    fixed: tuple[Device, int, Packing, Packing], arrays: Device, carried: Carried, frame: Packed
+    fixed: tuple[Model, int, Packing, Packing], arrays: Model, carried: Carried, frame: Packed
 ) -> _After:
     static, refinements, frames, reports = fixed
     device = eqx.combine(arrays, static)
@@ -107,7 +107,7 @@ def _stepped(
 
 
 def _left_to_do(
-    device: Device, factor: PyTree[Array], before: State, after: State, resistance: Array, places: Array
+    device: Model, factor: PyTree[Array], before: State, after: State, resistance: Array, places: Array
 ) -> Float[Array, ""]:
     # How far a step would go to balance what the one before it left out of balance, as a part of that one.
     left = resistance - device.loads(places).push(device.body, after.z, after.force)
@@ -120,7 +120,7 @@ class LiveStep:
     """The programs of devices of one structure and size; compiled when made."""
 
     def __init__(
-        self, device: Device, limits: Limits, places: Array, refinements: int, *, places_known: bool = True
+        self, device: Model, limits: Limits, places: Array, refinements: int, *, places_known: bool = True
     ):
         """Compile for as many contacts as there are `places` (c, ...), wherever they are, and for
         observations whose `places_known` are exact or have a prior; `first` is the device, made ready.
@@ -141,8 +141,8 @@ class LiveStep:
                     f"{limits.upper.shape[0]} limits for {drive.shape[0]} drives: give one for each "
                     "contact, then for each attached load"
                 )
-            readings = jnp.zeros(device.readings)
-            white = jnp.zeros((device.readings, device.readings))
+            readings = jnp.zeros(device.n_readings)
+            white = jnp.zeros((device.n_readings, device.n_readings))
             self._prior = None if places_known else _all_known(places)
             seen = Observation(readings, white, places, self._prior)
             self._frames = Packing.of((limits, seen))
@@ -157,7 +157,7 @@ class LiveStep:
         self.first = self._ready(arrays, self._rest(arrays, places))
         self.compile_s = time.perf_counter() - started
 
-    def ready(self, device: Device) -> Ready:
+    def ready(self, device: Model) -> Ready:
         """Another device of the same structure and size, prepared for the same programs.
 
         Raises SolveError when it has another structure, or its tangent at rest is singular.
@@ -196,7 +196,7 @@ class LiveStep:
         told = self._reports.unpack({kind: np.asarray(vector) for kind, vector in after.told.items()})
         return carried._replace(state=after.state, resistance=after.resistance), told
 
-    def _ready(self, arrays: Device, rest: State) -> Ready:
+    def _ready(self, arrays: Model, rest: State) -> Ready:
         carried = self._on(arrays, rest, self.places)
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(carried.factor)):
             raise SolveError(
@@ -205,7 +205,7 @@ class LiveStep:
         return Ready(arrays, self._step.bound(arrays), carried)
 
 
-def _split(device: Device) -> tuple[Device, Device]:
+def _split(device: Model) -> tuple[Model, Model]:
     # Each step refines what it solves for, so a rough factor serves.
     rough = replace(device, body=device.body.rough(), linear=device.linear.rough())
     return eqx.partition(rough, eqx.is_array)
@@ -217,9 +217,9 @@ def _all_known(places: Array) -> PlacePrior:
     return PlacePrior(each, np.zeros((each.size, each.size)), each, each)
 
 
-def _report_like(device: Device, drive: jax.ShapeDtypeStruct, seen: Observation) -> Stepped:
+def _report_like(device: Model, drive: jax.ShapeDtypeStruct, seen: Observation) -> Stepped:
     """What `Stepped` is like, by shapes."""
-    k, drives = device.readings, drive.shape[0]
+    k, drives = device.n_readings, drive.shape[0]
     offset = None if seen.prior is None else seen.prior.offset
     unknowns = drives + (0 if offset is None else offset.size)
     number = jnp.zeros(())

@@ -39,7 +39,7 @@ class ModelError:
         force_N: Float[np.ndarray, " c"],
     ) -> Float[np.ndarray, "k k"]:
         """Covariance (k, k) of measured minus modelled readings (k,) with sensors' noise (k,), under contacts
-        at places (c, ...) with forces (c,) N.
+        at places (c, 3, 3) with forces (c,) N.
         """
         covariance = np.diag(sigma**2 + missed(reading, self.part) ** 2)
         covariance += self.alike**2 * np.outer(reading, reading)

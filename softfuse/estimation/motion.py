@@ -18,11 +18,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from softfuse.estimation.device import Device
+from softfuse.functional.chart import moved
 from softfuse.mechanics.interface import slopes
 from softfuse.mechanics.linear_solver import Solve
 from softfuse.mechanics.linearised import Linearised, coupled, linearise, settled_on, stiffness_map
 from softfuse.mechanics.load import HeldLoads
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
 
 _CLOSE = 0.15
@@ -34,7 +35,7 @@ _UNFELT = 1e-4
 
 class Motion(NamedTuple):
     """`settled`: the state, corrected at unchanged drives and places; how body and loads move from there,
-    `dz` (n, m) and `dx` (r, m), per unit of each drive, then per metre of each x and y of places; what was
+    `dz` (n, m) and `dx` (r, m), per unit of each drive, then per metre along each tangent of places; what was
     `unbalanced` (n,) before; and the `contraction` [-] of the first refinement.
     """
 
@@ -59,7 +60,7 @@ class Motion(NamedTuple):
 
 
 def motion(
-    device: Device,
+    device: Model,
     inverse: Solve,
     state: State,
     places: Array,
@@ -68,7 +69,7 @@ def motion(
     refinements: int,
     resistance: Float[Array, " n"] | None = None,
 ) -> Motion:
-    """The motion of a state under contacts at places (c, ...), with drives and, where asked for, `by_place`,
+    """The motion of a state under contacts at places (c, 3, 3), with drives and, where asked for, `by_place`,
     with K⁻¹ as the map `inverse`, refined up to `refinements` times. `resistance` (n,): r(z), where known.
 
     Where `by_place` is an array, motions with places are there in any case, all 0 where it is false.
@@ -129,12 +130,12 @@ def _moved(state: State, dz: Float[Array, " n"], dx: Float[Array, " r"]) -> Stat
 
 
 def _by_place(
-    device: Device, places: Float[Array, "c 3"], linear: Linearised, settled: State
+    device: Model, places: Float[Array, "c 3 3"], linear: Linearised, settled: State
 ) -> tuple[Float[Array, "n 2c"], Float[Array, "r 2c"]]:
-    """∂(G_f f)/∂p and −∂E/∂p of the x and y of places."""
+    """∂(G_f f)/∂p and −∂E/∂p of places along their tangents."""
 
     def loaded(along):
-        loads = device.loads(places.at[:, :2].add(along))
+        loads = device.loads(moved(places, along))
         held, y = HeldLoads(loads, linear.held.at), loads.values(device.body, settled.z)
         law = held.equations(settled.force, settled.internal, y, settled.drive)
         return loads.push(device.body, settled.z, settled.force), -law

@@ -14,9 +14,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.estimation.bounded_qp import solve_bounded_qp
-from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
+from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import State
 
 
@@ -35,9 +35,9 @@ class _Misfit(NamedTuple):
     slope: Float[Array, " D"]
 
 
-def _misfit(device: Device, seen: Observation, start: State, drive: Float[Array, " D"]) -> _Misfit:
+def _misfit(device: Model, seen: Observation, start: State, drive: Float[Array, " D"]) -> _Misfit:
     def read(given):
-        value = device.reading(simulate(device, seen.places, given, start).state)
+        value = device.reading(simulate(device, seen.places, given, start).state, seen.places)
         return value, value
 
     # One equilibrium for both.
@@ -46,7 +46,7 @@ def _misfit(device: Device, seen: Observation, start: State, drive: Float[Array,
 
 
 @eqx.filter_custom_jvp
-def _converged(device: Device, seen: Observation, limits: Limits, start: State, steps: int) -> Converged:
+def _converged(device: Model, seen: Observation, limits: Limits, start: State, steps: int) -> Converged:
     tolerance = 1e-9 * (limits.upper - limits.lower)
 
     def improve(carry):
@@ -80,7 +80,7 @@ def _converged_jvp(primals, tangents):
 
 
 def nonlinear_estimate(
-    device: Device, limits: Limits, start: State, seen: Observation, *, steps: int = 25
+    device: Model, limits: Limits, start: State, seen: Observation, *, steps: int = 25
 ) -> Converged:
     """The drives that explain an observation best, its places taken to be known; differentiable in device and
     observation at constant cost in `steps`.

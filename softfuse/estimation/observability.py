@@ -20,9 +20,9 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.errors import SolveError
-from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.side_by_side import side_by_side
-from softfuse.mechanics.punch import PunchContact
+from softfuse.functional.chart import moved
+from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
 
 _PER = np.array([1.0, 1e3, 1e3])
@@ -56,41 +56,42 @@ class Observability:
 
 
 def response(
-    device: Device,
-    places_m: Float[np.ndarray, "s 3"],
+    device: Model,
+    places: Float[np.ndarray, "s 3 3"],
     force_N: float,
     *,
     seen: Callable[[], None] = lambda: None,
 ) -> Response:
-    """The response to a disc pressed at places (s, 3) m with a force [N]; `seen` is called after each.
+    """The response to one contact at places (s, 3, 3) with a force [N], in equal parts on what it presses
+    with; `seen` is called after each.
 
-    Raises SolveError when the device is not pressed by discs, or a press has no equilibrium.
+    Raises SolveError when a press has no equilibrium.
     """
-    if not isinstance(device.contact, PunchContact):
-        raise SolveError("only discs press at places of a surface: this device is pressed at electrodes")
-    tangents = np.asarray(device.contact.disc.surface.tangents)
-    others = np.asarray(device.rest_state(jnp.asarray(places_m[:1])).drive)[1:]
+    adding = device.adding(1)[0]
+    others = np.asarray(device.rest_state(jnp.asarray(places[:1])).drive)[len(adding) :]
 
     def one(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        drive = np.concatenate([[force_N], others])
+        drive = np.concatenate([force_N * adding / len(adding), others])
         (by_place, by_drive), (reading, result) = _slopes(device, place, drive)
         if not bool(result == RESULTS.converged):
-            x, y = 1e3 * place[:2]
-            raise SolveError(f"no equilibrium at {force_N:g} N on ({x:.1f}, {y:.1f}) mm: {RESULTS[result]}")
+            at = ", ".join(f"{1e3 * x:.1f}" for x in place[0])
+            raise SolveError(f"no equilibrium at {force_N:g} N on ({at}) mm: {RESULTS[result]}")
         seen()
-        return np.asarray(reading), np.asarray(by_drive)[:, 0], np.asarray(by_place) @ tangents.T
+        by_force = np.asarray(by_drive)[:, : len(adding)] @ adding / len(adding)
+        return np.asarray(reading), by_force, np.asarray(by_place)
 
-    return Response(*side_by_side(one, places_m))
+    return Response(*side_by_side(one, places))
 
 
 @eqx.filter_jit
-def _slopes(device: Device, place: Any, drive: Any) -> Any:
-    def read(place, drive):
-        solution = simulate(device, place[None], drive)
-        reading = device.reading(solution.state)
+def _slopes(device: Model, place: Any, drive: Any) -> Any:
+    def read(offset, drive):
+        at = moved(jnp.asarray(place), offset)[None]
+        solution = simulate(device, at, drive)
+        reading = device.reading(solution.state, at)
         return reading, (reading, solution.result)
 
-    return jax.jacrev(read, argnums=(0, 1), has_aux=True)(jnp.asarray(place), jnp.asarray(drive))
+    return jax.jacrev(read, argnums=(0, 1), has_aux=True)(jnp.zeros(2), jnp.asarray(drive))
 
 
 def observability(

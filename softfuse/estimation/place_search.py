@@ -11,17 +11,19 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from softfuse.estimation.atlas import Atlas
-from softfuse.estimation.device import Device
-from softfuse.estimation.reading_pattern import PatternFit, ReadingPattern
+from softfuse.estimation.reading_pattern import PatternFit, ReadingPattern, offsets
 from softfuse.estimation.sought_places import SoughtPlaces
 from softfuse.estimation.step import PlacePrior
+from softfuse.functional.chart import moved
+from softfuse.functional.workspace import AbstractWorkspace
+from softfuse.mechanics.model import Model
+from softfuse.rom.atlas import Atlas
 from softfuse.sensors.senses import Sensed
 
 
 class Placed(NamedTuple):
-    """Locations (c, 3) [m] of contacts, and the standard deviations (c, 2) of their x and y; and the variance
-    (c,) [N²] that forces have besides, for presses elsewhere.
+    """Locations (c, 3) [m] of contacts, and the standard deviations (c, 2) [m] along their tangents; and the
+    variance (c,) [N²] that forces have besides, for presses elsewhere.
     """
 
     location_m: Float[np.ndarray, "c 3"]
@@ -30,7 +32,7 @@ class Placed(NamedTuple):
 
     @property
     def variance_m2(self) -> Float[np.ndarray, " 2c"]:
-        """Variances (2 c,) [m²] of x, y of the first contact, then of the next; 0 where unknown."""
+        """Variances (2 c,) [m²] along the tangents of each contact, one after the other; 0 where unknown."""
         return np.nan_to_num(self.sigma_m.ravel()) ** 2
 
 
@@ -50,11 +52,11 @@ def as_seen(sensed: Sensed) -> Placed:
 
 
 class PlaceSearch:
-    """Follows the places of c contacts of a device within a workspace of lowest and highest x, y (2, 2) m."""
+    """Follows the places of c contacts of a device within a workspace."""
 
-    def __init__(self, device: Device | Atlas, workspace_m: Float[np.ndarray, "2 2"], contacts: int):
+    def __init__(self, device: Model | Atlas, workspace: AbstractWorkspace, contacts: int):
         """Begin with nothing sought."""
-        self._device, self._workspace, self._contacts = device, workspace_m, contacts
+        self._device, self._workspace, self._contacts = device, workspace, contacts
         self._pattern: Future[ReadingPattern] | None = None
         self.reset()
 
@@ -68,11 +70,6 @@ class PlaceSearch:
         """Whether readings tell a place in this frame."""
         return bool(self._sought.sought.any())
 
-    @property
-    def bounded(self) -> bool:
-        """Whether the workspace has an end."""
-        return bool(np.isfinite(self._workspace).all())
-
     def prepare(self) -> Future[ReadingPattern]:
         """What finds contacts that nothing sees; begun on a thread of its own, as it takes some seconds."""
         if self._pattern is None:
@@ -81,11 +78,9 @@ class PlaceSearch:
             thread.shutdown(wait=False)
         return self._pattern
 
-    def taken(self, sensed: Sensed) -> Float[np.ndarray, "c 3"]:
-        """Where contacts are taken to be (c, 3) [m]."""
-        places = np.array(sensed.places)
-        places[:, :2] += self._sought.offset_m
-        return places
+    def taken(self, sensed: Sensed) -> Float[np.ndarray, "c 3 3"]:
+        """Where contacts are taken to be (c, 3, 3)."""
+        return np.asarray(moved(np.asarray(sensed.places), self._sought.offset_m))
 
     def seek(
         self,
@@ -103,24 +98,23 @@ class PlaceSearch:
             return False
         places, pressing = np.asarray(sensed.places), np.asarray(sensed.pressing)
         seen, known = _all_known(sensed.location_m), _all_known(sensed.location_sigma_m)
-        low, high = self._room(sensed)
         sought = pressing & told & known
-        self._sought = self._sought.next(sought, seen, force_N, (low, high))
+        self._sought = self._sought.next(sought, seen, force_N, self._workspace.room(places))
         # The pattern is that of one press in a workspace.
-        if pressing.sum() != 1 or not unseen(sensed).any() or not self.bounded:
+        if pressing.sum() != 1 or not unseen(sensed).any():
             return False
         contact = int(np.argmax(pressing))
         self._fit = self.prepare().result().fitted(reading, covariance, np.asarray(sensed.valid))
-        better = self._fit.better(self.taken(sensed)[contact, :2])
+        better = self._fit.better(self.taken(sensed)[contact])
         if better is None:
             return False
-        self._sought = self._sought.begun_at(contact, better - places[contact, :2])
+        self._sought = self._sought.begun_at(contact, offsets(places[contact], better[None])[0])
         return True
 
     def prior(self, sensed: Sensed) -> PlacePrior:
         """What is known of the places before the readings."""
-        low, high = self._room(sensed)
-        return self._sought.prior(np.asarray(sensed.location_sigma_m), (low, high))
+        room = self._workspace.room(np.asarray(sensed.places))
+        return self._sought.prior(np.asarray(sensed.location_sigma_m), room)
 
     def found(
         self,
@@ -132,18 +126,15 @@ class PlaceSearch:
         """Where contacts are after a step that found offsets (c, 2) m of a covariance, and forces (c,) N."""
         self._sought = self._sought.found(offset_m)
         sought, free = self._sought.sought[:, None], self._sought.free[:, None]
-        location = np.where(sought, self.taken(sensed), sensed.location_m)
+        taken = self.taken(sensed)
+        location = np.where(sought, taken[:, 0], sensed.location_m)
         told = np.sqrt(np.diag(covariance_m2)).reshape(-1, 2)
         sigma = np.where(free, told, sensed.location_sigma_m)
         elsewhere_N2 = np.zeros(self._contacts)
         if self._fit is not None:
             contact = int(np.argmax(sensed.pressing))
-            other = self._fit.elsewhere(location[contact, :2], float(force_N[contact]))
+            other = self._fit.elsewhere(taken[contact], float(force_N[contact]))
             here = (1 - other.share) * sigma[contact] ** 2
             sigma[contact] = np.sqrt(here + other.share * other.place_m2)
             elsewhere_N2[contact] = other.share * other.force_N2
         return Placed(location, sigma, elsewhere_N2)
-
-    def _room(self, sensed: Sensed) -> Float[np.ndarray, "2 c 2"]:
-        """How far below and above where contacts were seen their x and y may be (2, c, 2) [m]."""
-        return self._workspace[:, None] - np.asarray(sensed.places)[:, :2]

@@ -19,10 +19,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.atlas import Atlas
-from softfuse.estimation.device import Device
 from softfuse.estimation.model_error import missed, whitening
 from softfuse.estimation.rest_response import rest_response
+from softfuse.functional.workspace import AbstractWorkspace
+from softfuse.mechanics.model import Model
+from softfuse.rom.atlas import Atlas
 
 log = logging.getLogger(__name__)
 
@@ -34,7 +35,7 @@ _CLEARLY = 9.0
 """By how much χ² has to be less elsewhere for the search to begin anew there."""
 
 
-def _slopes_on_charts(atlas: Atlas, places: Float[np.ndarray, "s 3"]) -> Float[np.ndarray, "s k"]:
+def _slopes_on_charts(atlas: Atlas, places: Float[np.ndarray, "s 3 3"]) -> Float[np.ndarray, "s k"]:
     """∂s/∂F (s, k) [SI/N] at rest, each place on the chart of its region."""
     each = []
     for place in places:
@@ -46,28 +47,25 @@ def _slopes_on_charts(atlas: Atlas, places: Float[np.ndarray, "s 3"]) -> Float[n
 
 @dataclass(frozen=True, eq=False)
 class ReadingPattern:
-    """Readings per newton `slope` (s, k) [SI/N] of presses at places (s, 2) m, `pitch_m` (2,) apart."""
+    """Readings per newton `slope` (s, k) [SI/N] of presses at places (s, 3, 3), `pitch_m` (2,) apart."""
 
-    place_m: Float[np.ndarray, "s 2"]
+    place: Float[np.ndarray, "s 3 3"]
     pitch_m: Float[np.ndarray, "2"]
     slope: Float[np.ndarray, "s k"]
 
     @classmethod
     def of(
-        cls, device: Device | Atlas, workspace_m: Float[np.ndarray, "2 2"], side: int = _SIDE
+        cls, device: Model | Atlas, workspace: AbstractWorkspace, side: int = _SIDE
     ) -> "ReadingPattern":
-        """Of presses on a grid over a workspace of lowest and highest x, y (2, 2) m."""
-        low, high = workspace_m
-        x, y = np.meshgrid(*np.linspace(low, high, side).T, indexing="ij")
-        places = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
-        pitch = (high - low) / (side - 1)
+        """Of presses on a grid over a workspace."""
+        places, pitch = workspace.grid(side)
         if isinstance(device, Atlas):
             try:
-                return cls(places[:, :2], pitch, _slopes_on_charts(device, places))
+                return cls(places, pitch, _slopes_on_charts(device, places))
             except SoftfuseError as error:
                 log.warning("the full body is used: %s", error)
         full = device.full if isinstance(device, Atlas) else device
-        return cls(places[:, :2], pitch, np.asarray(rest_response(full, jnp.asarray(places)).by_force))
+        return cls(places, pitch, np.asarray(rest_response(full, jnp.asarray(places)).by_force))
 
     def fitted(
         self,
@@ -81,12 +79,17 @@ class ReadingPattern:
         seen, slope = white @ reading, self.slope @ white.T
         size = np.maximum(np.sum(slope**2, axis=1), np.finfo(float).tiny)
         force = np.maximum(slope @ seen, 0.0) / size
-        return PatternFit(self.place_m, self.pitch_m, force, seen @ seen - force**2 * size)
+        return PatternFit(self.place, self.pitch_m, force, seen @ seen - force**2 * size)
+
+
+def offsets(place: Float[np.ndarray, "3 3"], others: Float[np.ndarray, "s 3 3"]) -> Float[np.ndarray, "s 2"]:
+    """How far others (s, 3, 3) are from a place (3, 3), along its tangents (s, 2) [m]."""
+    return (others[:, 0] - place[0]) @ place[1:].T
 
 
 class Elsewhere(NamedTuple):
-    """What share [-] presses elsewhere have, and the mean squares of how far x, y (2,) [m²] and the force
-    [N²] of these are from the estimate.
+    """What share [-] presses elsewhere have, and the mean squares of how far places, along the estimate's
+    tangents (2,) [m²], and the force [N²] of these are from the estimate.
     """
 
     share: float
@@ -96,26 +99,26 @@ class Elsewhere(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PatternFit:
-    """The force (s,) [N] that explains readings best at each place (s, 2) m, `pitch_m` (2,) apart, and its χ²
-    (s,).
+    """The force (s,) [N] that explains readings best at each place (s, 3, 3), `pitch_m` (2,) apart, and its
+    χ² (s,).
     """
 
-    place_m: Float[np.ndarray, "s 2"]
+    place: Float[np.ndarray, "s 3 3"]
     pitch_m: Float[np.ndarray, "2"]
     force_N: Float[np.ndarray, " s"]
     missing: Float[np.ndarray, " s"]
 
-    def better(self, place_m: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"] | None:
-        """The best place (2,) m, None where it is not clearly better than another one (2,) m."""
-        here = np.argmin(np.sum((self.place_m - place_m) ** 2, axis=1))
+    def better(self, place: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"] | None:
+        """The best place (3, 3), None where it is not clearly better than another one (3, 3)."""
+        here = np.argmin(np.sum(offsets(place, self.place) ** 2, axis=1))
         best = np.argmin(self.missing)
-        return self.place_m[best] if self.missing[here] - self.missing[best] > _CLEARLY else None
+        return self.place[best] if self.missing[here] - self.missing[best] > _CLEARLY else None
 
-    def elsewhere(self, place_m: Float[np.ndarray, "2"], force_N: float) -> Elsewhere:
-        """Presses that explain the readings too, further than the grid's pitch from one at a place (2,) m
+    def elsewhere(self, place: Float[np.ndarray, "3 3"], force_N: float) -> Elsewhere:
+        """Presses that explain the readings too, further than the grid's pitch from one at a place (3, 3)
         with a force [N].
         """
-        off = self.place_m - place_m
+        off = offsets(place, self.place)
         away = np.any(np.abs(off) > self.pitch_m, axis=1)
         part = np.exp(-0.5 * (self.missing - self.missing.min()))
         part = np.where(away, part / part.sum(), 0.0)

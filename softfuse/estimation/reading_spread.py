@@ -29,19 +29,19 @@ class ReadingSpread:
 
     def covariance(
         self,
-        places_m: Float[np.ndarray, "c 3"],
+        places: Float[np.ndarray, "c 3 3"],
         force_N: Float[np.ndarray, " c"],
     ) -> Float[np.ndarray, "k k"]:
-        """Covariance (k, k) of readings under contacts at places (c, 3) m with forces (c,) N; beyond the grid
-        that of its border.
+        """Covariance (k, k) of readings under contacts at places (c, 3, 3) with forces (c,) N; beyond the
+        grid that of its border.
         """
-        share, i, j = self._corners(places_m)
+        share, i, j = self._corners(places)
         a = np.einsum("qc,qckp->kp", share * force_N, self.by_parameters[i, j])
         return a @ a.T
 
-    def _corners(self, places_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The four corners of the grid's cells that places (c, 3) are in: their shares and numbers (4, c)."""
-        (i, s), (j, t) = (_between(grid, places_m[:, k]) for k, grid in enumerate((self.x_m, self.y_m)))
+    def _corners(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The four corners of the cells that places (c, 3, 3) are in: their shares and numbers (4, c)."""
+        (i, s), (j, t) = (_between(grid, places[:, 0, k]) for k, grid in enumerate((self.x_m, self.y_m)))
         share = np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
         return share, np.stack([i, i + 1, i, i + 1]), np.stack([j, j, j + 1, j + 1])
 

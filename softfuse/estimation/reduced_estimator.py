@@ -19,16 +19,16 @@ from jaxtyping import Array, Bool, Float
 
 from softfuse.body.body import Body
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.atlas import Atlas
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimate, Estimator, StepSettings
-from softfuse.estimation.kept_device import Kept
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.live_step import Ready
 from softfuse.estimation.step import Observation
 from softfuse.mechanics.solution import State
+from softfuse.rom.atlas import Atlas
 from softfuse.rom.body_arrays import of_nodes
 from softfuse.rom.reduced_body import ReducedBody
 from softfuse.rom.rest_stiffness import RestStiffness, rest_stiffness
+from softfuse.rom.rom_file import Kept
 
 log = logging.getLogger(__name__)
 
@@ -61,7 +61,7 @@ class ReducedEstimator:
         *,
         places_known: bool = True,
     ):
-        """Compile the step for as many contacts as there are `places` (c, ...), wherever they are, and for
+        """Compile the step for as many contacts as there are `places` (c, 3, 3), wherever they are, and for
         observations whose `places_known` are exact or have a prior; the full body's, and then all charts, are
         made ready after the first estimate or while none is asked for.
 
@@ -74,7 +74,7 @@ class ReducedEstimator:
         self._places, self._settings, self._places_known = places, settings, places_known
         self._ready: dict[int, Ready | None] = {}
         self._aside: _Aside | None = None
-        self._each = atlas.full.contact.drives
+        self._adding = atlas.full.adding(len(places))
         self._resting_since: float | None = None
         self._forget()
 
@@ -135,7 +135,7 @@ class ReducedEstimator:
         started = time.perf_counter()
         limits = self.limits if limits is None else limits
         places = np.asarray(seen.places)
-        pressed = self._pressed(limits, len(places))
+        pressed = self._pressed(limits)
         number = self._find(places[pressed])
         found, before = None, None
         if number is not None:
@@ -155,10 +155,10 @@ class ReducedEstimator:
             self._rest_on()
         return replace(found, latency_s=time.perf_counter() - started)
 
-    def _pressed(self, limits: Limits, contacts: int) -> Bool[np.ndarray, " c"]:
+    def _pressed(self, limits: Limits) -> Bool[np.ndarray, " c"]:
         """Which contacts (c,) may have a force."""
-        upper = np.asarray(limits.upper)[: contacts * self._each]
-        return np.any((upper > 0).reshape(contacts, -1), axis=1)
+        upper = np.asarray(limits.upper)[: self._adding.shape[1]]
+        return self._adding @ (upper > 0) > 0
 
     def _find(self, places: np.ndarray) -> int | None:
         """The chart for contacts at these places, None where there is none for all of them."""

@@ -18,10 +18,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.estimation.device import Device
+from softfuse.functional.chart import moved
 from softfuse.mechanics.interface import slopes
 from softfuse.mechanics.linear_solver import Solve
 from softfuse.mechanics.linearised import Coupled, coupled, linearise, settled_on, unbalanced
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.newton import tangent_at
 from softfuse.mechanics.solution import State
 
@@ -39,8 +40,8 @@ class RestResponse(eqx.Module):
 
 
 @eqx.filter_jit
-def rest_response(device: Device, places: Array) -> RestResponse:
-    """The answers to contacts at places (s, ...), see `Device`; one newton each, in equal parts on the
+def rest_response(device: Model, places: Array) -> RestResponse:
+    """The answers to contacts at places (s, 3, 3), see `Model`; one newton each, in equal parts on the
     patches of an electrode. Differentiable once in the device.
     """
     still, inverse = _still(device, places)
@@ -53,9 +54,11 @@ def rest_response(device: Device, places: Array) -> RestResponse:
 
 
 @eqx.filter_jit
-def place_response(device: Device, places: Float[Array, "s 3"]) -> tuple[RestResponse, Float[Array, "s k 2"]]:
-    """`rest_response` to discs at places (s, 3) m, and how `by_force` changes with the place along x and y,
-    ∂w/∂p (s, k, 2) [reading's SI unit/(N m)]; both differentiable once in the device.
+def place_response(
+    device: Model, places: Float[Array, "s 3 3"]
+) -> tuple[RestResponse, Float[Array, "s k 2"]]:
+    """`rest_response` to contacts at places (s, 3, 3), and how `by_force` changes with the place along its
+    tangents, ∂w/∂p (s, k, 2) [reading's SI unit/(N m)]; both differentiable once in the device.
 
     With p the place, H_y ∂ẏ/∂p + (∂H_y/∂p) ẏ = 0.
     """
@@ -64,13 +67,13 @@ def place_response(device: Device, places: Float[Array, "s 3"]) -> tuple[RestRes
     def one(place):
         press = _Press.at(device, still, inverse, place)
         answer = press.answer()
-        moved = [press.felt(press.moved(answer, axis)).by_force for axis in jnp.eye(3)[:2]]
-        return press.felt(answer), jnp.stack(moved, axis=-1)
+        turned = [press.felt(press.moved(answer, axis)).by_force for axis in jnp.eye(2)]
+        return press.felt(answer), jnp.stack(turned, axis=-1)
 
     return jax.lax.map(one, places)
 
 
-def _still(device: Device, places: Array) -> tuple[Device, Solve]:
+def _still(device: Model, places: Array) -> tuple[Model, Solve]:
     """The device without derivatives, and K⁻¹ at rest."""
     still, first = jax.lax.stop_gradient((device, places[:1]))
     return still, tangent_at(still.linear, still.body, still.loads(first), still.rest_state(first))
@@ -81,7 +84,7 @@ class _Press(eqx.Module):
     `system` is M.
     """
 
-    device: Device
+    device: Model
     place: Array
     state: State
     system: Coupled
@@ -89,7 +92,7 @@ class _Press(eqx.Module):
     inverse: Solve
 
     @classmethod
-    def at(cls, device: Device, still: Device, inverse: Solve, place: Array) -> "_Press":
+    def at(cls, device: Model, still: Model, inverse: Solve, place: Array) -> "_Press":
         loads = still.loads(place[None])
         rest = State.rest(still.body, loads)
         linear = linearise(still.body, loads, inverse, rest)
@@ -100,18 +103,20 @@ class _Press(eqx.Module):
 
     def answer(self) -> State:
         """ẏ per newton."""
-        parts = self.device.contact.drives
+        parts = self.device.contacts[0].drives
         press = jnp.zeros_like(self.state.drive).at[:parts].set(1.0 / parts)
         none = jnp.zeros_like(self.state.z)
         begun = self._solved(none, -self.system.slope.drive @ press)
         begun = State(begun.z, begun.force, begun.internal, press)
         return self._mended(begun, lambda y: self._balance(self.place, y))
 
-    def moved(self, answer: State, axis: Float[Array, "3"]) -> State:
-        """∂ẏ/∂p along an axis (3,)."""
+    def moved(self, answer: State, axis: Float[Array, "2"]) -> State:
+        """∂ẏ/∂p along an axis (2,) in the tangents."""
 
         def by_place(y):
-            return jax.jvp(lambda place: self._balance(place, y), (self.place,), (axis,))[1]
+            return jax.jvp(
+                lambda offset: self._balance(moved(self.place, offset), y), (jnp.zeros(2),), (axis,)
+            )[1]
 
         left, law = by_place(jax.lax.stop_gradient(answer))
         begun = self._solved(-self.inverse(left[:, None])[:, 0], -law)
@@ -127,7 +132,7 @@ class _Press(eqx.Module):
 
         def feel(state):
             device = self.device
-            return device.reading(state), device.depth(at, state), device.body.displacement(state.z)
+            return device.reading(state, at), device.depth(at, state), device.body.displacement(state.z)
 
         return RestResponse(*jax.jvp(feel, (self.state,), (along,))[1])
 

@@ -11,17 +11,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.estimation.device import Device
 from softfuse.estimation.motion import motion
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.newton import tangent_at
 from softfuse.mechanics.solution import State
 
 
 def displacement_sigma(
-    device: Device, state: State, places: Array | np.ndarray, covariance: Float[np.ndarray, "m m"]
+    device: Model, state: State, places: Array | np.ndarray, covariance: Float[np.ndarray, "m m"]
 ) -> Float[np.ndarray, "k 3"]:
     """Standard deviations (k, 3) m of the nodes' displacements along x, y and z in a state, under contacts at
-    places (c, ...), of a covariance (m, m) of its drives and then, if it is larger, of the x and y of places.
+    places (c, 3, 3), of a covariance (m, m) of its drives and then, if it is larger, of places along
+    their tangents.
     """
     by_place = len(covariance) > len(state.drive)
     moved = np.asarray(_columns(device, state, jnp.asarray(places), by_place))
@@ -30,7 +31,7 @@ def displacement_sigma(
 
 
 @eqx.filter_jit
-def _columns(device: Device, state: State, places: Array, by_place: bool) -> Float[Array, "m k 3"]:
+def _columns(device: Model, state: State, places: Array, by_place: bool) -> Float[Array, "m k 3"]:
     """How the nodes move (m, k, 3) with each drive and place."""
     inverse = tangent_at(device.linear, device.body, device.loads(places), state)
     moving = motion(device, inverse, state, places, by_place=by_place, refinements=0)

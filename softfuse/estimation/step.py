@@ -31,23 +31,21 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from softfuse.estimation.bounded_qp import Rows, solve_bounded_qp
-from softfuse.estimation.device import Device
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.motion import motion
+from softfuse.functional.chart import moved
 from softfuse.mechanics.linear_solver import Solve
 from softfuse.mechanics.load import Loads
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.newton import tangent_at
 from softfuse.mechanics.solution import State
-
-_IN_PLANE = np.eye(2, 3)
-"""From x and y to a location."""
 
 _LEAST_FORCE_N = 0.05
 """A contact's force below which its place is held as if it were that large."""
 
 
 class PlacePrior(NamedTuple):
-    """What is known of the places of c contacts, x and y of each, before the readings.
+    """What is known of the places of c contacts, along both tangents of each, before the readings.
 
     `offset` o (c, 2) [m]: how far contacts are taken to be from where they were seen; `spread` T (2 c, 2 c)
     [m]: the Cholesky factor of the covariance of where they are, zeros where that is known; `low`, `high` (c,
@@ -62,7 +60,7 @@ class PlacePrior(NamedTuple):
 
 class Observation(NamedTuple):
     """What the sensors say in one frame: readings since rest (k,) in SI, L⁻¹ (k, k) that makes their errors
-    standard normal (a column of zeros: ignore), the places (c, ...) where contacts are taken to be, and what
+    standard normal (a column of zeros: ignore), the places (c, 3, 3) where contacts are taken to be, and what
     is known of these; None: all.
     """
 
@@ -80,8 +78,8 @@ class Observation(NamedTuple):
         """With contacts where a step found them, at an offset (c, 2) [m], if it was to find them."""
         if self.prior is None:
             return self
-        gone = offset - self.prior.offset
-        return self._replace(places=self.places + gone @ _IN_PLANE, prior=self.prior._replace(offset=offset))
+        places = moved(self.places, offset - self.prior.offset)
+        return self._replace(places=places, prior=self.prior._replace(offset=offset))
 
     def heard(self, innovation: Float[Array, " k"]) -> Float[Array, " k"]:
         """An innovation (k,) whitened, without what is to be ignored, which may be no number."""
@@ -93,10 +91,10 @@ class StepReport(NamedTuple):
     """How good a step was.
 
     `misfit` (k,): measured minus modelled reading after it; `compliance` (k, D): W; `by_place` (k, P): G per
-    metre of x and y of each contact, 0 where places are known; `information` (D + P, D + P): half the second
-    derivative of the QP's cost in drives and the numbers η (P,) of places that are not known, the inverse
-    covariance of those that are within their limits; `offset` (c, 2) [m]: o after it, None where places are
-    known; `kkt`: optimality of the QP, in units of the drives; `taken` [-]: the part of the QP's step that
+    metre along the tangents of each contact, 0 where places are known; `information` (D + P, D + P): half the
+    second derivative of the QP's cost in drives and the numbers η (P,) of places that are not known, the
+    inverse covariance of those that are within their limits; `offset` (c, 2) [m]: o after it, None where
+    places are known; `kkt`: optimality of the QP, in units of the drives; `taken` [-]: the part of the QP's step that
     was taken, below 1 where it was shortened to `Limits.motion`; `unbalanced` [N]: largest nodal force out of
     balance before it; `contraction` [-]: by how much the first refinement shrank the error of the linear
     solves (of a live step without refinements: how far the next one goes for what this one left out of
@@ -117,25 +115,25 @@ class StepReport(NamedTuple):
     truncation: Float[Array | np.ndarray, ""]
 
 
-def strokes(device: Device, loads: Loads, state: State) -> Float[Array, " D"]:
+def strokes(device: Model, loads: Loads, state: State) -> Float[Array, " D"]:
     """What answers each drive (D,) in a state: see `AbstractLoad.conjugate`."""
     return loads.conjugate(state.force, state.internal, loads.values(device.body, state.z))
 
 
 def _place_rows(
-    device: Device, sigma: Float[Array, ""], places: Array, drive: Float[Array, " D"]
+    device: Model, sigma: Float[Array, ""], places: Array, drive: Float[Array, " D"]
 ) -> Float[Array, "c D"]:
     """Rows A (c, D): A u is how far from its middle each contact presses, in standard deviations."""
-    arms = jax.vmap(device.contact.arms)(places)
-    contacts, each = arms.shape
-    force = drive[: contacts * each].reshape(contacts, each).sum(axis=1)
-    rows = arms / (sigma * jnp.maximum(force, _LEAST_FORCE_N))[:, None]
-    spread = jnp.eye(contacts)[:, :, None] * rows[:, None, :]
-    return jnp.zeros((contacts, drive.shape[0])).at[:, : contacts * each].set(spread.reshape(contacts, -1))
+    adding = device.adding(len(places))
+    contacts, forces = adding.shape
+    arms = jnp.concatenate([kind.arms for kind in device.kinds(contacts)])
+    force = adding @ drive[:forces]
+    rows = adding * arms / (sigma * jnp.maximum(force, _LEAST_FORCE_N))[:, None]
+    return jnp.zeros((contacts, drive.shape[0])).at[:, :forces].set(rows)
 
 
 def advance(
-    device: Device,
+    device: Model,
     limits: Limits,
     inverse: Solve,
     state: State,
@@ -157,7 +155,7 @@ def advance(
         refinements=refinements,
         resistance=resistance,
     )
-    value, w = moving.derivative(device.reading)
+    value, w = moving.derivative(lambda s: device.reading(s, seen.places))
     innovation = seen.reading - value
     # Drives and places change by `scale` @ x − `back`, x = (Δu, η).
     unknowns = w.shape[1]
@@ -209,7 +207,7 @@ def advance(
 
 
 def estimate_step(
-    device: Device,
+    device: Model,
     limits: Limits,
     factor: PyTree[Array],
     state: State,
@@ -229,7 +227,7 @@ def estimate_step(
 
 
 def exact_steps(
-    device: Device, limits: Limits, state: State, seen: Observation, *, steps: int
+    device: Model, limits: Limits, state: State, seen: Observation, *, steps: int
 ) -> tuple[State, StepReport]:
     """`steps` estimate steps, each with the tangent of its own state; differentiable in everything, through
     all steps.

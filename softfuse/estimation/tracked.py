@@ -21,15 +21,20 @@ class Frame:
     readings: tuple[Float[np.ndarray, " n"], ...]
 
 
+def along(places: Float[np.ndarray, "c 3 3"], points: Float[np.ndarray, "c 3"]) -> Float[np.ndarray, " 2c"]:
+    """How far points (c, 3) m are along the tangents of places (c, 3, 3), one after the other (2 c,) [m]."""
+    return np.einsum("cti,ci->ct", places[:, 1:], points).ravel()
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """What the readings of one frame say of the drives and of places, whatever was known before: those are
     off by `misfit` from drives u₀ at places p₀ on, y − s(u₀, p₀) = W (u − u₀) + G (p − p₀) + error.
 
     `misfit` (k,) in SI, NaN where a reading took no part; `drive` u₀ (D,); `compliance` W (k, D); `place_m`
-    p₀ (P,): x and y of each contact, and `by_place` G (k, P), 0 where readings were not to tell places;
-    `seen_m`, `seen_sigma_m` (P,): what the senses alone say of places, and its standard deviation, NaN where
-    they say nothing; `acting` (D,): drives that may be other than 0; `model` (k, k): covariance of the
+    p₀ (P,): along both tangents of each contact, and `by_place` G (k, P), 0 where readings were not to tell
+    places; `seen_m`, `seen_sigma_m` (P,): what the senses alone say of places, and its standard deviation,
+    NaN where they say nothing; `acting` (D,): drives that may be other than 0; `model` (k, k): covariance of the
     model's error; `drift`: what readings drift by.
     """
 
@@ -61,10 +66,10 @@ class Tracked:
 
     `touching` (c,): what touches; `location_m` (c, 3): where on the body at rest, as contacts are seen and,
     as far as that leaves open, as the readings tell, NaN where unknown; `location_sigma_m` (c, 2): standard
-    deviations of x and y, NaN where unknown; `contact_force_N` (c,): NaN where unknown, 0 where nothing
-    touches; `force_covariance_N2` (c, c): see `posterior_covariance`, NaN where the force is; `places` (c,
-    ...): where the device's contact was taken to press; `covariance` (m, m): of all drives in their units,
-    then of the x and y of places [m], if those are locations; `attached`
+    deviations along the tangents, NaN where unknown; `contact_force_N` (c,): NaN where unknown, 0 where
+    nothing touches; `force_covariance_N2` (c, c): see `posterior_covariance`, NaN where the force is;
+    `places` (c, 3, 3): where the device's contact was taken to press; `covariance` (m, m): of all drives in their units,
+    then of places along their tangents [m], if readings may tell them; `attached`
     (a,): what the attached loads are driven with; `reading`, `sigma` (k,): measured; `misfit` (k,): measured
     minus modelled, NaN without an estimate and where a reading took no part; `evidence`: for who joins
     frames, None where readings do not drift, the state was lost, or only readings tell of a place; `details`:
@@ -124,8 +129,8 @@ class Tracked:
 
     @property
     def centre_sigma_m(self) -> Float[np.ndarray, "2"]:
-        """Standard deviations (2,) of its x and y [m], of contacts that are located independently; NaN where
-        one is unknown.
+        """Standard deviations (2,) [m] along the tangents, of contacts that are located independently; NaN
+        where one is unknown.
         """
         share = self._shares[self._shares > 0]
         if not self.contacts:

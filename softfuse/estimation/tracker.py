@@ -15,9 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from softfuse.estimation.atlas import Atlas
 from softfuse.estimation.compiled_senses import CompiledSenses, Finding
-from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimate, Estimator, StepSettings
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.model_error import AS_DRAWN, ModelError, whitening
@@ -25,8 +23,11 @@ from softfuse.estimation.model_offset import ModelOffset
 from softfuse.estimation.place_search import Placed, PlaceSearch, as_seen, unseen
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation
-from softfuse.estimation.tracked import Evidence, Frame, Tracked
+from softfuse.estimation.tracked import Evidence, Frame, Tracked, along
+from softfuse.functional.workspace import AbstractWorkspace
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
+from softfuse.rom.atlas import Atlas
 from softfuse.sensors.senses import AbstractSenses, Sensed
 from softfuse.sensors.status import Status
 
@@ -38,13 +39,12 @@ _AT_LEISURE_S = 2.0
 class TrackerSettings:
     """When an estimate is doubted: `poor_fit` [-], a misfit above this part of the largest reading;
     `model_error`, by how much the model may be wrong; `offset_s` [s], over which time what the model misses
-    is averaged; `workspace_m` (2, 2) [m]: lowest and highest x, y of contacts whose places readings tell.
+    is averaged.
     """
 
     poor_fit: float = 0.25
     model_error: ModelError = ModelError()
     offset_s: float = 1.0
-    workspace_m: tuple[tuple[float, float], tuple[float, float]] = ((-np.inf, -np.inf), (np.inf, np.inf))
 
 
 class _Estimated(NamedTuple):
@@ -86,12 +86,15 @@ class Tracker:
     def __init__(
         self,
         senses: AbstractSenses,
-        device: Device | Atlas,
+        device: Model | Atlas,
         limits: Limits,
         settings: TrackerSettings = TrackerSettings(),
         steps: StepSettings = DEFAULT_STEPS,
+        *,
+        workspace: AbstractWorkspace | None = None,
     ):
-        """Compile senses and estimate step, of the device or of its charts.
+        """Compile senses and estimate step, of the device or of its charts; readings tell the places of
+        contacts within a `workspace`, without one these are where they are seen.
 
         Raises SolveError when the body cannot be estimated or the limits do not fit, see `Estimator`; and
         SoftfuseError for a chart that cannot be read.
@@ -101,27 +104,25 @@ class Tracker:
         with ThreadPoolExecutor(1) as aside:
             self._senses = CompiledSenses(senses, aside)
             places = self._senses.places
-            # Numbers of electrodes are known; x and y may have to be found.
-            numbered = places.ndim == 1
+            known = workspace is None
             self.estimator: Estimator | ReducedEstimator
             if isinstance(device, Atlas):
-                self.estimator = ReducedEstimator(device, limits, places, steps, places_known=numbered)
+                self.estimator = ReducedEstimator(device, limits, places, steps, places_known=known)
             else:
-                self.estimator = Estimator(device, limits, places, steps, places_known=numbered)
-        workspace, contacts = np.array(settings.workspace_m), places.shape[0]
-        self._search = None if numbered else PlaceSearch(device, workspace, contacts)
-        self._misses = self._search is not None and self._search.bounded and senses.misses
+                self.estimator = Estimator(device, limits, places, steps, places_known=known)
+        self._search = None if workspace is None else PlaceSearch(device, workspace, places.shape[0])
+        self._misses = self._search is not None and senses.misses
         device = self.estimator.device
         self.compile_s = time.perf_counter() - started
         self._limits, self._upper = limits, np.asarray(limits.upper)
-        self._split = places.shape[0] * device.contact.drives
-        self.adding = np.kron(np.eye(places.shape[0]), np.ones(device.contact.drives))
+        self.adding = device.adding(places.shape[0])
+        self._split = self.adding.shape[1]
         """(c, F): a contact's forces together, the sum over its drives, which are the first F."""
         self.drift = senses.drift
         """How readings drift while something presses; None where they do not."""
         free = self._upper[self._split :] > np.asarray(limits.lower)[self._split :]
-        gauges = np.array(device.gauges, int)
-        self._strokes = device.readings - len(gauges) + np.flatnonzero(free[gauges])
+        answered = device.answered
+        self._strokes = np.flatnonzero((answered >= 0) & np.append(free, False)[answered])
         self.reset()
 
     @property
@@ -138,7 +139,7 @@ class Tracker:
         """Forget the past: nothing has been read, nothing touches."""
         self._senses.reset()
         self._stroke, self._seen_s, self._begun_s = 0.0, -np.inf, np.inf
-        self._offset = ModelOffset.none(self.estimator.device.readings)
+        self._offset = ModelOffset.none(self.estimator.device.n_readings)
         self._force_N = np.zeros(len(self.adding))
         if self._search is not None:
             self._search.reset()
@@ -264,9 +265,9 @@ class Tracker:
                 misfit,
                 found.drive,
                 compliance,
-                places[:, :2].ravel(),
+                along(places, places[:, 0]),
                 np.asarray(found.report.by_place),
-                np.asarray(sensed.location_m)[:, :2].ravel(),
+                along(places, np.asarray(sensed.location_m)),
                 np.asarray(sensed.location_sigma_m).ravel(),
                 acting,
                 lasting,
@@ -298,7 +299,7 @@ class Tracker:
 
     def _of_contacts(self, flags: Bool[np.ndarray, " c"]) -> Bool[np.ndarray, " d"]:
         """A flag of each contact for each of its drives (d,)."""
-        return np.repeat(flags, self._split // len(flags))
+        return flags @ self.adding > 0
 
     def _doubts(
         self,

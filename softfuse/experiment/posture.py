@@ -5,6 +5,7 @@ carries the current normal into the body, the cross product of its tangents. Ben
 `functional.centreline`.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import equinox as eqx
@@ -13,10 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from softfuse.estimation.device import Device
 from softfuse.functional.centreline import bending, tip_turn
+from softfuse.functional.chart import direction_of
 from softfuse.functional.contact import ContactSurface
 from softfuse.functional.material_points import MaterialPoints
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
 
 
@@ -62,7 +64,7 @@ class _Carried(eqx.Module):
 class Watched(eqx.Module):
     """The points, the centreline if there is one, and the electrodes' patches of a device."""
 
-    device: Device
+    device: Model
     points: _Carried
     centreline: _Carried | None
     patches: _Carried
@@ -72,21 +74,23 @@ class Watched(eqx.Module):
     @classmethod
     def on(
         cls,
-        device: Device,
+        device: Model,
         points: MaterialPoints,
         centreline: MaterialPoints | None,
         faces: Int[np.ndarray, "f s"],
-        middle: Float[np.ndarray, "e m 3"],
-        direction: Float[np.ndarray, "e 3"],
+        at: Float[np.ndarray, "e 3 3"],
+        arms: Sequence[float],
     ) -> "Watched":
         """Points and centreline in the device's body, and the patches of e electrodes on its outward faces.
 
-        `middle` (e, m, 3) m and `direction` (e, 3) into the body, of any length, as in `PatchContact.on`.
+        `at` (e, 3, 3): the electrodes' places; `arms` (m,) [m]: of their patches, see `PatchContact`.
         """
         rest = device.body.rest
         landed = [
-            ContactSurface.pressed(faces, towards).land(rest, jnp.asarray(places))
-            for places, towards in zip(middle, direction, strict=True)
+            ContactSurface.pressed(faces, np.asarray(direction_of(place))).land(
+                rest, jnp.asarray(place[0] + np.outer(arms, place[1]))
+            )
+            for place in at
         ]
         together = jax.tree.map(lambda *each: jnp.concatenate(each), *landed)
         chain = None if centreline is None else _Carried.of(centreline, rest)

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.estimation.device import Device, simulate
+from softfuse.body.base import AbstractBody
+from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.solution import State, result_name
 
@@ -48,40 +49,34 @@ class Outcome:
     largest_displacement: float
 
 
-def drives_of(device: Device, series: Series, rest: Float[np.ndarray, " D"]) -> Float[np.ndarray, "m D"]:
+def drives_of(device: Model, series: Series, rest: Float[np.ndarray, " D"]) -> Float[np.ndarray, "m D"]:
     """The drives (m, D) of the cases of a series: forces, then cables, then what the body at rest has.
 
     The cables come first among what is attached to the device.
     """
-    pressed = device.contact.drives * len(series.places)
+    each = device.contacts[0].drives
+    pressed = each * len(series.places)
     driven = pressed + len(series.cables)
     drives = np.tile(rest, (len(series.forces), 1))
-    drives[:, :pressed] = np.array(series.forces)[:, None] / device.contact.drives
+    drives[:, :pressed] = np.array(series.forces)[:, None] / each
     drives[:, pressed:driven] = series.cables
     return drives
 
 
-def places_of(device: Device, series: Series) -> Array:
-    """The places (c, ...) of a series as the device's contact wants them."""
-    if isinstance(device.contact, PunchContact):
-        return jnp.array([(*place, 0.0) for place in series.places if not isinstance(place, int)])
-    return jnp.array(series.places)
-
-
-def outcomes(device: Device, series: Series) -> Iterator[Outcome]:
-    """How the cases of a series end on a device of these moduli and cables, one by one.
+def outcomes(device: Model, series: Series, places: Float[Array, "c 3 3"]) -> Iterator[Outcome]:
+    """How the cases of a series at places (c, 3, 3) end on a device of these moduli and cables, one by one.
 
     Each is searched from the last one that converged, the first from rest.
     """
-    places = places_of(device, series)
-    if isinstance(device.contact, PunchContact) and float(_least_overlap(device, places)) < 1.0:
-        nothing = np.full(device.readings, np.nan)
+    disc = device.contacts[0]
+    if isinstance(disc, PunchContact) and float(_least_overlap(disc, device.body, places)) < 1.0:
+        nothing = np.full(device.n_readings, np.nan)
         yield from (Outcome(OVERHANGS, 0, 0, np.nan, nothing, np.nan) for _ in series.forces)
         return
     at = _rest(device, places)
     for drive in drives_of(device, series, np.asarray(at.drive)):
         solution = simulate(device, places, jnp.asarray(drive), at)
-        reading, largest = _measured(device, solution.state)
+        reading, largest = _measured(device, places, solution.state)
         name = result_name(solution.result)
         converged = name == "converged"
         at = solution.state if converged else at
@@ -90,23 +85,24 @@ def outcomes(device: Device, series: Series) -> Iterator[Outcome]:
             int(solution.stats.newton_iterations),
             int(solution.stats.load_steps),
             float(solution.stats.residual),
-            np.asarray(reading) if converged else np.full(device.readings, np.nan),
+            np.asarray(reading) if converged else np.full(device.n_readings, np.nan),
             float(largest) if converged else np.nan,
         )
 
 
 @eqx.filter_jit
-def _least_overlap(device: Device, places: Float[Array, "c 3"]) -> Float[Array, ""]:
-    assert isinstance(device.contact, PunchContact)
-    return jnp.min(jnp.stack([device.contact.at(place).overlap(device.body) for place in places]))
+def _least_overlap(
+    disc: PunchContact, body: AbstractBody, places: Float[Array, "c 3 3"]
+) -> Float[Array, ""]:
+    return jnp.min(jnp.stack([disc.at(place).overlap(body) for place in places]))
 
 
 @eqx.filter_jit
-def _rest(device: Device, places: Array) -> State:
+def _rest(device: Model, places: Array) -> State:
     return device.rest_state(places)
 
 
 @eqx.filter_jit
-def _measured(device: Device, state: State) -> tuple[Float[Array, " k"], Float[Array, ""]]:
+def _measured(device: Model, places: Array, state: State) -> tuple[Float[Array, " k"], Float[Array, ""]]:
     moved = jnp.linalg.norm(device.body.displacement(state.z), axis=1)
-    return device.reading(state), jnp.max(moved)
+    return device.reading(state, places), jnp.max(moved)

@@ -20,6 +20,7 @@ from softfuse.body.body import Body
 from softfuse.body.element import TAYLOR_HOOD
 from softfuse.errors import ConfigError, SolveError
 from softfuse.functional.cavity import Cavity
+from softfuse.functional.chart import facing
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material.silicones import silicone_of_stiffness
@@ -152,7 +153,7 @@ class PadSolver:
         SolveError when an equilibrium is not found.
         """
         body, contact = self._pad.body, self._pad.contact
-        place = jnp.array([*touch.at, 0.0])
+        place = jnp.asarray(facing(np.array([*touch.at, 0.0]), _DOWN))
         if float(contact.at(place).overlap(body)) < 1.0:
             raise ConfigError(f"the punch at {touch} overhangs the edge of the pad: move it inwards")
         loads = Loads((contact.load(body, place),))

@@ -1,35 +1,63 @@
 """Coordinates on a part of a body's surface, and the places that they name.
 
 A *place* is where a contact presses on the body at rest: an array (3, 3) whose rows are a point of the
-surface [m] and two unit tangents u, v there. Their cross product u × v is the direction into the body in which
-the contact presses. A contact that is off its place by (a, b) [m] is at the point moved by a u + b v; what
+surface [m] and two unit tangents u, v there. Their cross product u × v is the outward normal; a contact
+presses against it. A contact that is off its place by (a, b) [m] is at the point moved by a u + b v; what
 presses there is carried along the direction onto the surface (`functional.contact`).
 """
 
 from abc import abstractmethod
+from collections.abc import Sequence
+from typing import TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 
 def direction_of(place: Float[Array, "... 3 3"]) -> Float[Array, "... 3"]:
     """The unit vector (..., 3) into the body along which a contact at a place (..., 3, 3) presses."""
-    return jnp.cross(place[..., 1, :], place[..., 2, :])
+    return jnp.cross(place[..., 2, :], place[..., 1, :])
 
 
-def moved(place: Float[Array, "... 3 3"], offset: Float[Array, "... 2"]) -> Float[Array, "... 3 3"]:
+Numbers = TypeVar("Numbers", Array, np.ndarray)
+
+
+def moved(place: Numbers, offset: Numbers) -> Numbers:
     """A place (..., 3, 3) moved along its tangents by an offset (..., 2) [m]; the tangents stay."""
-    return place.at[..., 0, :].add(jnp.einsum("...k,...ki->...i", offset, place[..., 1:, :]))
+    tangents = place[..., 1:, :]
+    along = (offset[..., None] * tangents).sum(axis=-2, keepdims=True)
+    return place.__array_namespace__().concat([place[..., :1, :] + along, tangents], axis=-2)
+
+
+def facing(
+    points: Float[np.ndarray, "... 3"], direction: Sequence[float] | Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "... 3 3"]:
+    """The places (..., 3, 3) at points (..., 3) m that are pressed along one direction (3,) of any length."""
+    tangents = np.asarray(FlatChart.along(direction).tangents)
+    tangents = np.broadcast_to(tangents, (*np.shape(points)[:-1], 2, 3))
+    return np.concatenate([np.asarray(points, float)[..., None, :], tangents], axis=-2)
+
+
+def nearest(
+    places: Float[np.ndarray, "e 3 3"], place: Float[np.ndarray, "... 3 3"]
+) -> Int[np.ndarray, "..."]:
+    """The number (...) of that of some places (e, 3, 3) whose point is nearest to a place's (..., 3, 3)."""
+    away = np.asarray(place)[..., None, 0, :] - places[:, 0]
+    return np.argmin(np.sum(away**2, axis=-1), axis=-1)
 
 
 class AbstractChart(eqx.Module):
     """Two coordinates [m] on a part of the surface."""
 
     @abstractmethod
-    def place(self, at: Float[Array, "2"]) -> Float[Array, "3 3"]:
-        """The place (3, 3) at coordinates (2,) [m]."""
+    def place(self, at: Float[Array, "... 2"]) -> Float[Array, "... 3 3"]:
+        """The places (..., 3, 3) at coordinates (..., 2) [m]."""
+
+    @abstractmethod
+    def coordinates(self, place: Float[np.ndarray, "... 3 3"]) -> Float[np.ndarray, "... 2"]:
+        """The coordinates (..., 2) [m] of places (..., 3, 3)."""
 
 
 class FlatChart(AbstractChart):
@@ -43,20 +71,31 @@ class FlatChart(AbstractChart):
     direction: Float[Array, "3"]
 
     @classmethod
-    def along(cls, direction: Float[np.ndarray, "3"]) -> "FlatChart":
+    def along(cls, direction: Sequence[float] | Float[np.ndarray, "3"]) -> "FlatChart":
         """The chart of what is seen along a direction (3,) of any length: x and y where that is along z, else
-        the two axes that are most across it, made level with it.
+        two axes across it, each as near as may be to one of x, y, z.
         """
         d = np.asarray(direction, float) / np.linalg.norm(direction)
         first = np.eye(3)[np.argmin(np.abs(d))]
         first = first - d * (first @ d)
         first /= np.linalg.norm(first)
         second = np.cross(d, first)
-        # Of the two senses the one that points along an axis, not against it.
         second *= np.sign(second[np.argmax(np.abs(second))])
         return cls(jnp.zeros(3), jnp.asarray(np.stack([first, second])), jnp.asarray(d))
 
-    def place(self, at):
-        """The point there, with the first axis as u."""
+    @property
+    def tangents(self) -> Float[Array, "2 3"]:
+        """u, along the first axis, and v, along or against the second (2, 3)."""
         u = self.axes[0]
-        return jnp.stack([self.origin + at @ self.axes, u, jnp.cross(self.direction, u)])
+        return jnp.stack([u, jnp.cross(u, self.direction)])
+
+    def place(self, at):
+        """The points there, all with the same tangents."""
+        point = self.origin + at @ self.axes
+        return jnp.concatenate(
+            [point[..., None, :], jnp.broadcast_to(self.tangents, (*point.shape[:-1], 2, 3))], axis=-2
+        )
+
+    def coordinates(self, place):
+        """How far along the axes the points are."""
+        return (place[..., 0, :] - np.asarray(self.origin)) @ np.asarray(self.axes).T

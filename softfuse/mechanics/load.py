@@ -115,21 +115,23 @@ class AbstractLoad(eqx.Module):
 
 
 class AbstractContact(eqx.Module):
-    """What may touch a body, and how it presses: a load for every place."""
+    """What may touch a body, and how it presses: a load for every place (3, 3), see `functional.chart`."""
 
     @property
     @abstractmethod
+    def arms(self) -> Float[Array, " c"]:
+        """How far from the place along its first tangent each of the forces acts that one contact is driven
+        with (c,) [m].
+        """
+
+    @property
     def drives(self) -> int:
         """How many forces [N] one contact is driven with."""
+        return self.arms.shape[0]
 
     @abstractmethod
-    def load(self, body: AbstractBody, place: Array) -> AbstractLoad:
+    def load(self, body: AbstractBody, place: Float[Array, "3 3"]) -> AbstractLoad:
         """The load of one contact at a place; its drives are the forces [N]."""
-
-    def arms(self, place: Array) -> Float[Array, " c"]:
-        """How far from the middle of a place each force acts (c,) [m], along a line through it."""
-        del place
-        return jnp.zeros(self.drives)
 
 
 class Sizes(eqx.Module):

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from softfuse.body.base import AbstractBody
+from softfuse.functional.chart import direction_of
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.face_search import EveryFace
 from softfuse.functional.pressure_cells import PressureCells
@@ -71,60 +72,42 @@ def _normals(y: Float[Array, " 9c"]) -> Float[Array, "c 3"]:
 
 
 class PatchContact(AbstractContact):
-    """Electrodes on the surface, each with c patches where a contact on it may press; a place is the number
-    of an electrode.
+    """Patches of a radius [m] that press along the surface's current normal, at `offsets` (c,) [m] from their
+    place along its first tangent.
 
-    Forces on two patches stand for one force anywhere between them: a contact's place on its electrode is
-    found with its force. `location` (e, c, 3) m: the patches' middles on the body at rest; `direction` (e,
-    3), `tangents` (e, 2, 3): into the surface there and along it; `radius` [m].
+    Forces on two patches stand for one force anywhere between them: where a contact presses is found with its
+    force.
     """
 
     faces: Int[Array, "f s"]
-    location: Float[Array, "e c 3"]
-    direction: Float[Array, "e 3"]
-    tangents: Float[Array, "e 2 3"]
     cells: PressureCells
     radius: Float[Array, ""]
+    offsets: Float[Array, " c"]
 
     @classmethod
     def on(
         cls,
         faces: Int[np.ndarray, "f s"],
-        location: Float[np.ndarray, "e c 3"],
-        direction: Float[np.ndarray, "e 3"],
         cells: PressureCells,
         radius: float,
+        offsets: Sequence[float] = (0.0,),
     ) -> "PatchContact":
-        """Patches on the outward faces (f, s) of a body; `direction` (e, 3): into it, of any length."""
-        surfaces = [ContactSurface.pressed(faces, each) for each in direction]
-        return cls(
-            jnp.asarray(faces),
-            jnp.asarray(location, float),
-            jnp.stack([surface.direction for surface in surfaces]),
-            jnp.stack([surface.tangents for surface in surfaces]),
-            cells,
-            jnp.asarray(radius, float),
-        )
+        """Patches on the outward faces (f, s) of a body."""
+        return cls(jnp.asarray(faces), cells, jnp.asarray(radius, float), jnp.asarray(offsets, float))
 
     @property
-    def drives(self):
-        """One force for each patch of an electrode."""
-        return self.location.shape[1]
+    def arms(self):
+        """Those of the patches."""
+        return self.offsets
 
-    def arms(self, place):
-        """Of each patch from the middle of all, along the line from the first to the last."""
-        middles = self.location[place]
-        line = middles[-1] - middles[0]
-        length = jnp.linalg.norm(line)
-        return (middles - middles.mean(axis=0)) @ (line / jnp.where(length > 0, length, 1.0))
-
-    def at(self, place: Int[Array, ""]) -> tuple[Contact, ...]:
-        """The patches of electrode number `place`."""
+    def at(self, place: Float[Array, "3 3"]) -> tuple[Contact, ...]:
+        """The patches at a place (3, 3)."""
         every = EveryFace(len(self.faces))
-        surface = ContactSurface(self.faces, self.direction[place], self.tangents[place], every)
-        middles = self.location[place]
+        # Their cross product is the direction, that of the place its outward normal.
+        surface = ContactSurface(self.faces, direction_of(place), place[:0:-1], every)
+        middles = place[0] + self.offsets[:, None] * place[1]
         return tuple(Contact(surface, self.cells, middle, self.radius) for middle in middles)
 
     def load(self, body, place):
-        """The patches of electrode number `place` as a load along their current normals."""
+        """The patches at a place as a load along their current normals."""
         return NormalPatches.of(self.at(place), body)

@@ -84,19 +84,19 @@ class Punch(AbstractLoad):
 
 
 class PunchContact(AbstractContact):
-    """Discs that may press anywhere on a surface; a place is the location (3,) m of a disc's middle."""
+    """Discs that may press along one direction anywhere on a surface."""
 
     disc: Contact
 
-    def at(self, place: Float[Array, "3"]) -> Contact:
-        """The disc at a location (3,) m."""
-        return eqx.tree_at(lambda disc: disc.location, self.disc, place)
+    def at(self, place: Float[Array, "3 3"]) -> Contact:
+        """The disc at a place (3, 3)."""
+        return eqx.tree_at(lambda disc: disc.location, self.disc, place[0])
 
     @property
-    def drives(self):
-        """The total force."""
-        return 1
+    def arms(self):
+        """The total force, at the place."""
+        return jnp.zeros(1)
 
     def load(self, body, place):
-        """The disc at a location (3,) m as a load."""
+        """The disc at a place as a load."""
         return Punch.of(self.at(place), body)

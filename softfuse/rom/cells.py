@@ -9,29 +9,34 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from softfuse.functional.chart import facing
+
 _MARGIN = 0.05
 """Of a cell: how far a place may leave it before another one is looked for."""
 
 
 class Cell(NamedTuple):
-    """Where the middle of one disc may be: up to `half` (2,) m along x and y from the `centre` (3,) m."""
+    """Where the middle of one disc may be: up to `half` (2,) m along x and y from the `centre` (3,) m; it
+    presses along a `direction` (3,).
+    """
 
     centre: Float[np.ndarray, "3"]
     half: Float[np.ndarray, "2"]
+    direction: tuple[float, float, float]
 
-    def at(self, coordinates: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 3"]:
-        """Places (..., 3) m of coordinates (..., 2), ±1 at the edges."""
-        return self.centre + (self.half * coordinates) @ np.eye(3)[:2]
+    def at(self, coordinates: Float[np.ndarray, "... 2"]) -> Float[np.ndarray, "... 3 3"]:
+        """Places (..., 3, 3) of coordinates (..., 2), ±1 at the edges."""
+        return facing(self.centre + (self.half * coordinates) @ np.eye(3)[:2], self.direction)
 
-    def grid(self, side: int) -> Float[np.ndarray, "s 3"]:
-        """`side` x `side` places (s, 3) m evenly over the cell and a little around it, as far as a place may
+    def grid(self, side: int) -> Float[np.ndarray, "s 3 3"]:
+        """`side` x `side` places (s, 3, 3) evenly over the cell and a little around it, as far as a place may
         be that is still taken to be in it.
         """
         return self.at((1 + 2 * _MARGIN) * pairs(np.linspace(-1, 1, side)))
 
-    def holds(self, places: Float[np.ndarray, "... 3"]) -> Bool[np.ndarray, "..."]:
-        """Which places (..., 3) m may be taken to be in it."""
-        away = np.abs(places - self.centre)[..., :2]
+    def holds(self, places: Float[np.ndarray, "... 3 3"]) -> Bool[np.ndarray, "..."]:
+        """Which places (..., 3, 3) may be taken to be in it."""
+        away = np.abs(places[..., 0, :] - self.centre)[..., :2]
         return np.all(away <= (1 + 2 * _MARGIN) * self.half, axis=-1)
 
 
@@ -44,40 +49,47 @@ class AbstractRegions(ABC):
 
     @abstractmethod
     def find(self, place: Array | np.ndarray, before: int | None = None) -> int | None:
-        """The region of a place, `before` while it is not clearly outside of that; None where none is."""
+        """The region of a place (3, 3), `before` while it is not clearly outside of that; None for none."""
 
 
-@dataclass(frozen=True)
-class Electrodes(AbstractRegions):
-    """So many electrodes, each a region by itself; places are their numbers."""
+@dataclass(frozen=True, eq=False)
+class Spots(AbstractRegions):
+    """Places (e, 3, 3), such as the middles of electrodes, each with what is nearest to it as its region."""
 
-    count: int
+    places: Float[np.ndarray, "e 3 3"]
 
     def __len__(self) -> int:
-        return self.count
+        return len(self.places)
 
     def find(self, place, before=None):
-        """Its own."""
+        """The nearest."""
         del before
-        return int(place)
+        return int(np.argmin(np.sum((self.places[:, 0] - np.asarray(place)[0]) ** 2, axis=1)))
 
 
 @dataclass(frozen=True)
 class Cells(AbstractRegions):
     """A workspace from `low` to `high` (x, y) [m] in so many equal cells along x and y, numbered along y
-    first.
+    first; what presses there does so along `direction`.
     """
 
     low: tuple[float, float]
     high: tuple[float, float]
     counts: tuple[int, int]
+    direction: tuple[float, float, float] = (0.0, 0.0, -1.0)
 
     @classmethod
-    def over(cls, low: tuple[float, float], high: tuple[float, float], edge: float) -> "Cells":
+    def over(
+        cls,
+        low: tuple[float, float],
+        high: tuple[float, float],
+        edge: float,
+        direction: tuple[float, float, float] = (0.0, 0.0, -1.0),
+    ) -> "Cells":
         """Cells with no edge longer than so much [m]."""
         size = np.subtract(high, low)
         x, y = np.maximum(1, np.ceil(size / edge - 1e-9)).astype(int)
-        return cls(low, high, (int(x), int(y)))
+        return cls(low, high, (int(x), int(y)), direction)
 
     def __len__(self) -> int:
         return self.counts[0] * self.counts[1]
@@ -88,12 +100,12 @@ class Cells(AbstractRegions):
             raise IndexError(f"cell {number} of {len(self)}")
         half = np.subtract(self.high, self.low) / np.array(self.counts) / 2
         place = np.array(divmod(number, self.counts[1]))
-        return Cell(np.append(self.low + half * (2 * place + 1), 0.0), half)
+        return Cell(np.append(self.low + half * (2 * place + 1), 0.0), half, self.direction)
 
     def find(self, place, before=None):
-        """The cell that a place (3,) [m] is in."""
+        """The cell that a place (3, 3) is in."""
         # In plain numbers: this is asked in every frame.
-        given = zip(np.asarray(place)[:2].tolist(), self.low, self.high, self.counts, strict=True)
+        given = zip(np.asarray(place)[0, :2].tolist(), self.low, self.high, self.counts, strict=True)
         inside = [(at - low) / (high - low) * count for at, low, high, count in given]
         if before is not None:
             corner = divmod(before, self.counts[1])

@@ -14,8 +14,8 @@ _BEYOND = 1.15
 
 
 class LoadPath(NamedTuple):
-    """Loads at a `place` (c, ...), their drives raised from rest through `levels` (l, D); and at each level k
-    other places (l, k, c, ...) and drives (l, k, D), near enough for one Newton step.
+    """Loads at a `place` (c, 3, 3), their drives raised from rest through `levels` (l, D); and at each level
+    k other places (l, k, c, 3, 3) and drives (l, k, D), near enough for one Newton step.
     """
 
     place: Array
@@ -62,7 +62,7 @@ def pushes(
     near: int = 10,
     seed: int = 0,
 ) -> list[LoadPath]:
-    """Pushes of one contact (1,) on so many `patches` while what is attached pulls, drives up to `high` (D,).
+    """Pushes of one contact (1, 3, 3) on so many `patches` while actuators pull, drives up to `high` (D,).
 
     The contact's whole force is on one patch, or even on all, or there is none; the other drives stay as
     `low` (D,) has them, or one of them is half or all the way up, or all are. All go up together, in so many

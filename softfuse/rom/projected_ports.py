@@ -85,27 +85,25 @@ class ProjectedVolumePorts(AbstractPorts):
 
 
 class ProjectedPatches(AbstractContact):
-    """Patches at e electrodes: the forces' `lever` (e, c) [m] about each middle, and the ports of their
-    frames, `rest` (e, 9 c) and `slopes` (e, n, 9 c).
+    """Patches at e points (e, 3) m, each place being taken for the nearest: their `offsets` (c,) [m], and the
+    ports of their frames, `rest` (e, 9 c) and `slopes` (e, n, 9 c).
     """
 
-    lever: Float[Array, "e c"]
+    offsets: Float[Array, " c"]
+    points: Float[Array, "e 3"]
     rest: Float[Array, "e p"]
     slopes: Float[Array, "e n p"]
 
     @property
-    def drives(self):
-        """One force for each patch of an electrode."""
-        return self.lever.shape[1]
-
-    def arms(self, place):
-        """Of each patch from the middle of all, along the line from the first to the last."""
-        return self.lever[place]
+    def arms(self):
+        """Those of the patches."""
+        return self.offsets
 
     def load(self, body, place):
-        """The patches of electrode number `place`."""
+        """The patches at the point nearest to a place."""
         del body
-        return NormalPatches(LinearPorts(self.rest[place], self.slopes[place]))
+        number = jnp.argmin(jnp.sum((self.points - place[0]) ** 2, axis=1))
+        return NormalPatches(LinearPorts(self.rest[number], self.slopes[number]))
 
 
 class ProjectedDiscs(AbstractContact):
@@ -119,13 +117,13 @@ class ProjectedDiscs(AbstractContact):
     n: int = eqx.field(static=True)
 
     @property
-    def drives(self):
-        """The total force."""
-        return 1
+    def arms(self):
+        """The total force, at the place."""
+        return jnp.zeros(1)
 
     def load(self, body, place):
-        """The disc at a location (3,) m; NaN where it lands on a node that is not watched."""
-        disc = eqx.tree_at(lambda disc: disc.location, self.disc, place)
+        """The disc at a place; NaN where it lands on a node that is not watched."""
+        disc = eqx.tree_at(lambda disc: disc.location, self.disc, place[0])
         on = disc.surface.land_on(self.seen, disc.points)
         (m, w), count = self.slopes.shape, disc.cells.count
         pushed = jnp.zeros((count, w + 1)).at[disc.cells.cell[:, None], on.nodes].add(disc.parts(on))
@@ -148,18 +146,21 @@ def _seen_by_discs(surface: ContactSurface, small: ReducedBody) -> tuple[Array, 
     return small.seen[surface.faces], surface.seen(small.rest), along
 
 
-def projected_patches(contact: PatchContact, body: Body, basis: Basis) -> ProjectedPatches:
-    """The patches of a full body on one of some modes."""
+def projected_patches(
+    contact: PatchContact, body: Body, basis: Basis, places: Float[np.ndarray, "e 3 3"]
+) -> ProjectedPatches:
+    """The patches of a full body at places (e, 3, 3) on one of some modes."""
 
     @eqx.filter_jit
-    def frames(contact: PatchContact, body: Body, place: Array) -> tuple[Array, LinearPorts]:
-        return contact.arms(place), contact.load(body, place).ports
+    def frames(contact: PatchContact, body: Body, place: Array) -> LinearPorts:
+        return contact.load(body, place).ports
 
-    each = [frames(contact, body, jnp.asarray(k)) for k in range(len(contact.location))]
-    slopes = [basis.columns.T @ np.asarray(ports.slopes) for _, ports in each]
+    each = [frames(contact, body, jnp.asarray(place)) for place in places]
+    slopes = [basis.columns.T @ np.asarray(ports.slopes) for ports in each]
     return ProjectedPatches(
-        jnp.stack([arms for arms, _ in each]),
-        jnp.stack([ports.rest for _, ports in each]),
+        contact.offsets,
+        jnp.asarray(places[:, 0]),
+        jnp.stack([ports.rest for ports in each]),
         jnp.asarray(np.stack(slopes)),
     )
 

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from softfuse.functional.chart import facing
 from softfuse.functional.contact import Contact
 from softfuse.rom.cells import Cell
 
@@ -13,8 +14,8 @@ _INSIDE = 1e-3
 """So far inside a face, as a part of the way to its middle, its corners are tried."""
 
 
-def places_over(cell: Cell, disc: Contact, rest: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "s 3"]:
-    """Places (s, 3) m in a cell, for a disc on a surface of nodes at `rest` (k, 3) m.
+def places_over(cell: Cell, disc: Contact, rest: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "s 3 3"]:
+    """Places (s, 3, 3) in a cell, for a disc on a surface of nodes at `rest` (k, 3) m.
 
     A grid; and where a point of the disc passes over a corner of a face, that comes in from there as narrow
     as may be, a place at which the point lies in this corner.
@@ -25,7 +26,7 @@ def places_over(cell: Cell, disc: Contact, rest: Float[np.ndarray, "k 3"]) -> Fl
     inside = corners + _INSIDE * (corners.mean(axis=1, keepdims=True) - corners)
     offsets = np.asarray(disc.points - disc.location) @ tangents.T
     places = (inside[:, :, None] - offsets) @ tangents + (cell.centre @ direction) * direction
-    places = places.reshape(len(corners), -1, 3)
+    places = facing(places.reshape(len(corners), -1, 3), direction)
     held = cell.holds(places)
     # One place is enough to know all nodes of a face.
     one = np.argmax(held, axis=1)

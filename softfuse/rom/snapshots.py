@@ -24,7 +24,7 @@ _LEAST_STEP = 1 / 32
 """Of the way from level to level."""
 
 LoadsAt = Callable[[AbstractBody, Array], Loads]
-"""The loads on a body at places (c, ...)."""
+"""The loads on a body at places (c, 3, 3)."""
 
 
 class Snapshots(NamedTuple):

@@ -49,7 +49,7 @@ def teach(
 ) -> Chart:
     """The chart of a body, with its tangent at rest, for loads like those of some load paths.
 
-    `around`: places (c, ...) so close to each other that no node which contacts may act on is missed between
+    `around`: places (c, 3, 3) so close to each other that no node which contacts may act on is missed between
     them. It watches these nodes and those that move furthest. Raises SolveError where a path has no
     equilibrium.
     """
@@ -88,7 +88,7 @@ def _contacts(loads_at: LoadsAt, body: Body, place: Array) -> Loads:
 
 @eqx.filter_jit
 def _pushed(loads_at: LoadsAt, body: Body, place: Array) -> Bool[Array, " k"]:
-    """Which nodes (k,) the contacts at places (c, ...) act on."""
+    """Which nodes (k,) the contacts at places (c, 3, 3) act on."""
     rows = _contacts(loads_at, body, place).rows(body, jnp.zeros(body.n))
     acts = jnp.append(jnp.any(rows != 0, axis=1), False)
     return jnp.any(acts[jnp.minimum(body.displacement_index, body.n)], axis=1)
@@ -103,7 +103,7 @@ def _furthest(body: Body, states: Float[np.ndarray, "s n"]) -> Int[np.ndarray, "
 
 @eqx.filter_jit
 def _softest(loads_at: LoadsAt, linear: AbstractLinearSolver, body: Body, place: Array) -> Float[Array, ""]:
-    """The largest compliance [m/N] of a body at rest under one force of the contacts at places (c, ...)."""
+    """The largest compliance [m/N] of a body at rest under one force of the contacts at places (c, 3, 3)."""
     loads = _contacts(loads_at, body, place)
     solver, rows = linear.rough(), loads.rows(body, jnp.zeros(body.n))[:, loads.carrying]
     answers = solver.solve(solver.factor(body.element_tangents(jnp.zeros(body.n))), rows)

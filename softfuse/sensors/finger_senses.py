@@ -61,8 +61,8 @@ class FingerSenses(AbstractSenses):
     """Pressure sensors, electrodes and cable lengths; groups of readings: pressures [V], their supply [V],
     electrodes [counts], cables [m].
 
-    `gain` (k,) [-]: measured over modelled pressures; `model_error` [-]: see above; `middle_m` (n, 3): of the
-    electrodes on the body at rest; `cable_zero_m` (b,): what is read where cables get taut; `cable_sigma_m`
+    `gain` (k,) [-]: measured over modelled pressures; `model_error` [-]: see above; `at` (n, 3, 3): places of
+    the electrodes; `cable_zero_m` (b,): what is read where cables get taut; `cable_sigma_m`
     (b,): noise of the lengths; `slack_m` (b,): a cable that is shorter by less leaves the finger at rest;
     `contacts`: followed at once; `supplies`: 1 when the supply is measured, 0 when it is the nominal one;
     `lengths`: b when the cables' lengths are measured, else 0.
@@ -72,7 +72,7 @@ class FingerSenses(AbstractSenses):
     electrodes: ElectrodeDetector
     gain: Float[Array, " k"]
     model_error: Float[Array, ""]
-    middle_m: Float[Array, "n 3"]
+    at: Float[Array, "n 3 3"]
     cable_zero_m: Float[Array, " b"]
     cable_sigma_m: Float[Array, " b"]
     slack_m: Float[Array, " b"]
@@ -88,7 +88,7 @@ class FingerSenses(AbstractSenses):
     @property
     def channels(self):
         """Cavities, supplies, electrodes, cables."""
-        return self.pressure.offset.shape[0], self.supplies, self.middle_m.shape[0], self.lengths
+        return self.pressure.offset.shape[0], self.supplies, self.at.shape[0], self.lengths
 
     def init(self):
         """State before the first frame; the finger is taken to be untouched."""
@@ -158,8 +158,8 @@ class FingerSenses(AbstractSenses):
             touching=pressing,
             pressing=pressing,
             clear=clear,
-            places=places,
-            location_m=jnp.where(pressing[:, None], self.middle_m[places], jnp.nan),
+            places=self.at[places],
+            location_m=jnp.where(pressing[:, None], self.at[places, 0], jnp.nan),
             location_sigma_m=jnp.full((self.contacts, 2), jnp.nan),
             flags=flags,
             details=FingerMeasurement(pressure, touch, cable),

@@ -10,6 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from softfuse.functional.chart import FlatChart
 from softfuse.sensors.flow import (
     FlowReading,
     FlowSensor,
@@ -56,13 +57,14 @@ class MutualSenseState(eqx.Module):
 class MutualSenses(AbstractSenses):
     """Flow sensors and a grid; groups of readings: flow [V], cells row by row [counts].
 
-    `workspace_m` (2, 2): lowest and highest x, y of a contact's middle [m], in which places are taken to be
-    as far as images allow; `contacts`: followed at once.
+    `workspace_m` (2, 2): lowest and highest x, y of a contact's middle [m], in the `chart`, in which places
+    are taken to be as far as images allow; `contacts`: followed at once.
     """
 
     flow: FlowSensor
     grid: MutualGrid
     workspace_m: Float[Array, "2 2"]
+    chart: FlatChart
     contacts: int = eqx.field(static=True)
 
     @property
@@ -127,7 +129,7 @@ class MutualSenses(AbstractSenses):
             touching=touching,
             pressing=located & inside & known,
             clear=~tracks.touching.any(),
-            places=places,
+            places=self.chart.place(places[:, :2]),
             location_m=jnp.where(located[:, None], flat, jnp.nan),
             location_sigma_m=jnp.where(located[:, None], spread, jnp.nan),
             flags=flags,

@@ -6,13 +6,17 @@ from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from softfuse.functional.chart import FlatChart
 from softfuse.sensors.array_pose import ArrayPose
 from softfuse.sensors.flow import flow_drift
 from softfuse.sensors.pad import PadMeasurement, PadSensors, pad_sensor_init, pad_sensor_update
 from softfuse.sensors.senses import AbstractSenses, Sensed
 from softfuse.sensors.status import Status
+
+_DOWN = np.array([0.0, 0.0, -1.0])
 
 
 def fitted_location(seen: PadMeasurement) -> Float[Array, "2"]:
@@ -28,13 +32,15 @@ def mean_location(seen: PadMeasurement) -> Float[Array, "2"]:
 class PadSenses(AbstractSenses):
     """Flow sensors and electrodes; groups of readings: flow [V], rows and columns [counts].
 
-    `workspace_m` (2, 2): lowest and highest x, y of a contact's middle [m]; `locate`: which location counts.
+    `workspace_m` (2, 2): lowest and highest x, y of a contact's middle [m], in the `chart`; `locate`: which
+    location counts.
     """
 
     sensors: PadSensors
     workspace_m: Float[Array, "2 2"]
     locate: Callable[[PadMeasurement], Float[Array, "2"]] = eqx.field(static=True, default=fitted_location)
     pose: ArrayPose = eqx.field(default_factory=ArrayPose.as_drawn)
+    chart: FlatChart = eqx.field(default_factory=lambda: FlatChart.along(_DOWN))
 
     @property
     def channels(self):
@@ -91,7 +97,7 @@ class PadSenses(AbstractSenses):
             touching=touching[None],
             pressing=(((located & inside) | seen.felt) & known)[None],
             clear=~touching,
-            places=place[None],
+            places=self.chart.place(location)[None],
             location_m=jnp.where(located, place, jnp.nan)[None],
             location_sigma_m=jnp.where(seen.felt, anywhere, jnp.where(located, deviation, jnp.nan))[None],
             flags=flags,

@@ -14,7 +14,7 @@ class Sensed(NamedTuple):
     """One frame of c contacts and k readings."""
 
     reading: Float[Array, " k"]
-    """(k,) readings since rest, in the order and units of `Device.reading` [SI]."""
+    """(k,) readings since rest, in the order and units of `Model.reading` [SI]."""
     sigma: Float[Array, " k"]
     """(k,) their standard deviations."""
     valid: Bool[Array, " k"]
@@ -26,11 +26,11 @@ class Sensed(NamedTuple):
     clear: Bool[Array, ""]
     """Nothing is near that could press: what the model misses now is its own error."""
     places: Array
-    """(c, ...) places as the device's contact wants them."""
+    """(c, 3, 3) places, see `functional.chart`."""
     location_m: Float[Array, "c 3"]
     """(c, 3) middles of the contacts on the body at rest; NaN where unseen or where nothing touches [m]."""
     location_sigma_m: Float[Array, "c 2"]
-    """(c, 2) standard deviations of the x and y of places; NaN where unknown [m]."""
+    """(c, 2) standard deviations along the tangents of places; NaN where unknown [m]."""
     flags: dict[Status, Bool[Array, ""]]
     """What is to be said about the frame, and whether it is."""
     details: Any

@@ -13,11 +13,11 @@ from softfuse.calibration.adjustment import Adjustments, Gains, Layer, Stiffenin
 from softfuse.calibration.fit import Fit, fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.device import Device
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.pad import PadGeometry, pad_mesh
@@ -42,18 +42,18 @@ def mesh() -> TetMesh:
 
 
 @pytest.fixture(scope="module")
-def device(mesh: TetMesh) -> Device:
+def device(mesh: TetMesh) -> Model:
     """Two cavities under a disc of 6 mm."""
     body = Body.from_mesh(mesh, [NeoHookean.from_young(0.3e6, 0.3)], mesh.nodes[:, 2] < 1e-9, element=LINEAR)
     surface = ContactSurface.facing(outer_surface(mesh).faces, mesh.nodes, np.array([0.0, 0.0, -1.0]))
     disc = Contact(surface, flat_punch(), jnp.zeros(3), jnp.asarray(0.006), 0.3e-9)
     walls = cavities(mesh, GEOMETRY.centres())
     sensors = tuple(Cavity(jnp.asarray(wall.faces)) for wall in walls)
-    return Device(body, sensors, PunchContact(disc), Multifrontal.plan(body))
+    return Model(body, sensors, PunchContact(disc), Multifrontal.plan(body))
 
 
 @pytest.fixture(scope="module")
-def adjustable(device: Device, mesh: TetMesh) -> Adjustable:
+def adjustable(device: Model, mesh: TetMesh) -> Adjustable:
     walls = Walls.of(mesh, GEOMETRY.centres(), NAMES, shift=0.3e-3, growth=0.3e-3)
     groups = (Stiffness.within(0.3), Stiffening.within(0.3), Layer.of(device, 1.0), walls)
     return Adjustable(device, Adjustments(groups))
@@ -123,7 +123,7 @@ def test_slopes_are_those_of_differences(adjustable: Adjustable, made: np.ndarra
 
 
 @pytest.mark.slow
-def test_two_parameters_that_do_the_same_are_told(device: Device, presses: Presses) -> None:
+def test_two_parameters_that_do_the_same_are_told(device: Model, presses: Presses) -> None:
     twice = Adjustments(
         (Stiffness.within(0.3), replace_names(Stiffness.within(0.3), "again"), Layer.of(device, 1.0))
     )
@@ -137,7 +137,7 @@ def replace_names(group: Stiffness, name: str) -> Stiffness:
 
 
 @pytest.mark.slow
-def test_a_gain_is_found(device: Device, presses: Presses, adjustable: Adjustable, made: np.ndarray) -> None:
+def test_a_gain_is_found(device: Model, presses: Presses, adjustable: Adjustable, made: np.ndarray) -> None:
     groups = (*adjustable.adjustments.groups, Gains.of(NAMES, 0.02))
     gains = np.array([0.03, -0.02])
     read = replace(presses, reading=presses.reading * np.exp(gains))

@@ -11,7 +11,7 @@ from softfuse.body.stiffness_field import TERMS, with_field
 from softfuse.calibration.adjustment import Adjustments, Stiffness, StiffnessField
 from softfuse.calibration.fit import fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
-from softfuse.estimation.device import Device, simulate
+from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
 
 MADE = np.array([0.05, -0.03, 0.06, 0.02, -0.04, 0.03, -0.05, 0.04, 0.02])
@@ -22,12 +22,12 @@ FORCES = (2.0, 5.0)
 
 
 @pytest.fixture(scope="module")
-def read(device: Device) -> Callable[..., tuple[jax.Array, RESULTS]]:
+def read(device: Model) -> Callable[..., tuple[jax.Array, RESULTS]]:
     """Volume changes under a press, of the field's coefficients."""
 
     def read(coefficients):
         body = with_field(device.body, coefficients)
-        made = Device(body, device.sensors, device.contact, device.linear)
+        made = Model(body, device.sensors, device.contact, device.linear)
         solution = simulate(made, jnp.array([[-0.012, 0.003, 0.0]]), jnp.array([5.0]))
         return made.reading(solution.state), solution.result
 
@@ -46,14 +46,14 @@ def test_volumes_differentiate_in_every_coefficient(read) -> None:
         np.testing.assert_allclose(slopes[:, k], difference, atol=1e-5 * np.abs(above).max())
 
 
-def test_without_coefficients_a_field_changes_nothing(device: Device, read) -> None:
+def test_without_coefficients_a_field_changes_nothing(device: Model, read) -> None:
     found, _ = read(jnp.zeros(9))
     plain = simulate(device, jnp.array([[-0.012, 0.003, 0.0]]), jnp.array([5.0]))
     np.testing.assert_allclose(found, device.reading(plain.state), rtol=1e-7)
 
 
 @pytest.mark.slow
-def test_presses_tell_the_field_that_a_device_was_made_with(plain_device: Device) -> None:
+def test_presses_tell_the_field_that_a_device_was_made_with(plain_device: Model) -> None:
     groups = (Stiffness.within(0.3), StiffnessField.within(0.05, np.zeros(9)))
     adjustable = Adjustable(plain_device, Adjustments(groups))
     made, noise = np.append(0.2, MADE), 0.1e-9

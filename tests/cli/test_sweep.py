@@ -29,8 +29,8 @@ from softfuse.config.build_sweep import build_series
 from softfuse.config.digest import digest
 from softfuse.config.sweep_plan import load_plan
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.device import simulate
 from softfuse.mechanics.cable import ShortenedCable
+from softfuse.mechanics.model import simulate
 
 PLACES = '[places]\ntype = "list"\nat = [["-17 mm", "-15 mm"], ["12 mm", "14 mm"]]\n'
 FORCES = '[forces]\nvalues = ["1 N", "4 N"]\n'

@@ -16,13 +16,13 @@ from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.build_sensors import build_sensors
 from softfuse.config.sealed_sensors import ElectrodeSettings, PressureSettings
 from softfuse.errors import ConfigError
-from softfuse.estimation.device import Device
 from softfuse.functional.cable import length
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.contact import Contact
 from softfuse.mechanics.cable import PulledCable
 from softfuse.mechanics.gas import SealedGas
 from softfuse.mechanics.load import Loads
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.patch import PatchContact
 from softfuse.mesh.surface import outer_surface
 from softfuse.sensors import electrode_detector, mpx5100a, mpx5100d
@@ -47,7 +47,7 @@ def mesh(config: DeviceConfig) -> DeviceMesh:
 
 
 @pytest.fixture(scope="module")
-def device(config: DeviceConfig, mesh: DeviceMesh) -> Device:
+def device(config: DeviceConfig, mesh: DeviceMesh) -> Model:
     """The device on it."""
     return build_device(config, mesh)
 
@@ -58,7 +58,7 @@ def edited(coarse_finger: Write) -> Edited:
     return lambda *changes: load(coarse_finger(*changes))
 
 
-def test_readings_are_the_cable_and_then_the_pressures(device: Device) -> None:
+def test_readings_are_the_cable_and_then_the_pressures(device: Model) -> None:
     assert device.sensors == ()
     cable, gas = device.attached
     assert isinstance(cable, PulledCable) and isinstance(gas, SealedGas)
@@ -70,7 +70,7 @@ def test_readings_are_the_cable_and_then_the_pressures(device: Device) -> None:
     np.testing.assert_allclose(device.reading(state), 0.0, atol=1e-12)
 
 
-def test_guides_are_where_the_config_says(device: Device) -> None:
+def test_guides_are_where_the_config_says(device: Model) -> None:
     cable = device.attached[0]
     assert isinstance(cable, PulledCable)
     ports, body = cable.ports, device.body
@@ -85,7 +85,7 @@ def test_guides_are_where_the_config_says(device: Device) -> None:
     assert np.abs(shape).max() <= 1.0 + 1e-9
 
 
-def test_cavities_hold_gas_in_the_order_of_the_config(config: DeviceConfig, device: Device) -> None:
+def test_cavities_hold_gas_in_the_order_of_the_config(config: DeviceConfig, device: Model) -> None:
     gas = device.attached[1]
     assert isinstance(gas, SealedGas)
     np.testing.assert_allclose(gas.rest, 480e-9)
@@ -96,7 +96,7 @@ def test_cavities_hold_gas_in_the_order_of_the_config(config: DeviceConfig, devi
         np.testing.assert_allclose(middle, settings.centre, atol=1.5e-3)
 
 
-def test_each_cavity_may_have_its_own_dead_volume(edited: Edited, device: Device) -> None:
+def test_each_cavity_may_have_its_own_dead_volume(edited: Edited, device: Model) -> None:
     dead = ", ".join(f'"{10 * k} mm^3"' for k in range(6))
     other = edited(('"100 mm^3"', f"[{dead}]"), ("exponent = 1.0", "exponent = 1.4"))
     gas = device.attached[1]
@@ -106,7 +106,7 @@ def test_each_cavity_may_have_its_own_dead_volume(edited: Edited, device: Device
     assert float(loaded.exponent) == 1.4
 
 
-def _check_frames(contact: PatchContact, device: Device, config: DeviceConfig) -> None:
+def _check_frames(contact: PatchContact, device: Model, config: DeviceConfig) -> None:
     for k, electrode in enumerate(config.electrodes):
         for patch, middle in zip(contact.at(jnp.asarray(k)), electrode.middles, strict=True):
             frame = np.asarray(FRAME(patch, device.body)[0])
@@ -114,7 +114,7 @@ def _check_frames(contact: PatchContact, device: Device, config: DeviceConfig) -
             np.testing.assert_allclose(np.cross(frame[3:6], frame[6:9]), electrode.direction, atol=1e-12)
 
 
-def test_patches_are_on_the_electrodes_and_press_inwards(config: DeviceConfig, device: Device) -> None:
+def test_patches_are_on_the_electrodes_and_press_inwards(config: DeviceConfig, device: Model) -> None:
     contact = device.contact
     assert isinstance(contact, PatchContact)
     assert (contact.location.shape, contact.drives) == ((12, 2, 3), 2)
@@ -123,7 +123,7 @@ def test_patches_are_on_the_electrodes_and_press_inwards(config: DeviceConfig, d
 
 
 def test_an_electrode_without_a_span_is_pressed_in_its_middle(
-    edited: Edited, finger_text: str, mesh: DeviceMesh, device: Device
+    edited: Edited, finger_text: str, mesh: DeviceMesh, device: Model
 ) -> None:
     span = 'span = ["10 mm", "0 mm", "0 mm"]\n'
     old = finger_text[finger_text.index("[[electrode]]") : finger_text.index("[[point]]")]
@@ -141,7 +141,7 @@ def test_an_electrode_without_a_span_is_pressed_in_its_middle(
         edited((old, old.replace(span, "", 1)))
 
 
-def test_limits_are_those_of_contacts_cables_and_gas(config: DeviceConfig, device: Device) -> None:
+def test_limits_are_those_of_contacts_cables_and_gas(config: DeviceConfig, device: Model) -> None:
     limits = build_limits(config, 2)
     np.testing.assert_allclose(limits.lower, [*[0] * 5, *[101325.0] * 6])
     np.testing.assert_allclose(limits.upper, [5, 5, 5, 5, 20, *[101325.0] * 6])
@@ -162,7 +162,7 @@ def test_rates_are_those_of_the_cables(config: DeviceConfig, edited: Edited) -> 
     np.testing.assert_array_equal(held.stroke, [np.inf, np.inf, 0.01, *[np.inf] * 6])
 
 
-def test_points_and_centreline_are_in_the_material(config: DeviceConfig, device: Device) -> None:
+def test_points_and_centreline_are_in_the_material(config: DeviceConfig, device: Model) -> None:
     for points, expected in (
         (build_points(config, device.body), [p.at for p in config.points]),
         (build_centreline(config, device.body), [(x, 0.0, 0.01) for x in (0.0, 0.03, 0.06, 0.09, 0.12)]),
@@ -172,7 +172,7 @@ def test_points_and_centreline_are_in_the_material(config: DeviceConfig, device:
         np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
-def test_a_device_may_have_no_points(edited: Edited, device: Device) -> None:
+def test_a_device_may_have_no_points(edited: Edited, device: Model) -> None:
     text = (CONFIGS / "finger.toml").read_text(encoding="utf-8")
     cut = text[text.index("[[point]]") : text.index("[sensors.pressure]")]
     bare = edited((cut, ""))
@@ -193,7 +193,7 @@ def test_a_device_may_have_no_points(edited: Edited, device: Device) -> None:
     ],
 )  # fmt: skip
 def test_points_outside_the_material_are_told(
-    edited: Edited, device: Device, old: str, new: str, told: str
+    edited: Edited, device: Model, old: str, new: str, told: str
 ) -> None:
     wrong = edited((old, new))
     gas = device.attached[1]
@@ -204,7 +204,7 @@ def test_points_outside_the_material_are_told(
         build_points(wrong, device.body)
 
 
-def test_cavities_of_another_mesh_are_told(config: DeviceConfig, device: Device) -> None:
+def test_cavities_of_another_mesh_are_told(config: DeviceConfig, device: Model) -> None:
     lost = Cavity(jnp.array([[0, 1, 2], [0, 2, 1]]))
     assert config.gas is not None
     with (
@@ -236,7 +236,7 @@ def test_an_electrode_off_the_surface_is_told(edited: Edited, mesh: DeviceMesh, 
     assert str(caught.value).startswith(f"{wrong.path}: {told}")
 
 
-def test_a_patch_cannot_become_a_disc(device: Device) -> None:
+def test_a_patch_cannot_become_a_disc(device: Model) -> None:
     with pytest.raises(ConfigError, match='a device that is pressed by a "patch" has no "punch"'):
         with_contact_model(device, "punch")
 

@@ -14,9 +14,9 @@ from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.build_virtual_pad import PadPlan
 from softfuse.design.layout_drawing import LayoutDrawing
 from softfuse.errors import ConfigError
-from softfuse.estimation.device import simulate
 from softfuse.experiment.pose_cache import settings_digest
 from softfuse.functional.cavity import Cavity
+from softfuse.mechanics.model import simulate
 
 Layout = Callable[..., Path]
 

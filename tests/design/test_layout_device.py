@@ -9,12 +9,12 @@ from softfuse.body import Body
 from softfuse.design.layout_device import device_at
 from softfuse.design.layout_mesh import Fineness, layout_mesh
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.device import Device
 from softfuse.functional import Cavity
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
 from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.newton import Newton, solve
 from softfuse.mechanics.punch import PunchContact
@@ -31,7 +31,7 @@ def mesh(twins):
 
 
 @pytest.fixture(scope="module")
-def sealed(twins, mesh) -> Device:
+def sealed(twins, mesh) -> Model:
     """One cavity vented, one sealed, a disc of 8 mm."""
     made = mesh.mesh(twins.start)
     body = Body.from_mesh(made, [NeoHookean.from_young(0.6e6, 0.49)], made.nodes[:, 2] < 1e-9)
@@ -39,7 +39,7 @@ def sealed(twins, mesh) -> Device:
     contact = Contact(surface, flat_punch((0.7, 1.0), (3, 6)), jnp.zeros(3), jnp.asarray(0.008))
     vented, closed = (Cavity(jnp.asarray(wall.faces)) for wall in mesh.walls)
     gas = SealedGas.of((closed,), body, jnp.array([1e-6]))
-    return Device(body, (vented,), PunchContact(contact), Multifrontal.plan(body), (gas,), (0,))
+    return Model(body, (vented,), PunchContact(contact), Multifrontal.plan(body), (gas,), (0,))
 
 
 @pytest.mark.slow

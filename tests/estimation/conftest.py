@@ -4,8 +4,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import pytest
 
-from softfuse.estimation.device import simulate
 from softfuse.estimation.limits import Limits
+from softfuse.mechanics.model import simulate
 
 
 @pytest.fixture(scope="session")

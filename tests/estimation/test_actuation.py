@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.limits import Limits, Rates, within_rates
 from softfuse.estimation.step import Observation, exact_steps, strokes
 from softfuse.functional import Marker, uniform
@@ -20,6 +19,7 @@ from softfuse.material import NeoHookean
 from softfuse.mechanics import RESULTS
 from softfuse.mechanics.cable import PulledCable
 from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.patch import PatchContact
 from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.orientation import oriented
@@ -33,7 +33,7 @@ STEPS = 20
 
 
 class Robot(NamedTuple):
-    device: Device
+    device: Model
     free: Limits
 
 
@@ -54,7 +54,7 @@ def robot() -> Robot:
     sides = np.array([[[0.045, SIDE, 0.006]], [[0.045, 0.006, SIDE]]])
     inwards = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
     contact = PatchContact.on(boundary_faces(mesh).faces, sides, inwards, uniform(rings=3, angles=8), 0.003)
-    device = Device(body, sensors, contact, Dense.plan(body), (below, left), gauges=(0, 1))
+    device = Model(body, sensors, contact, Dense.plan(body), (below, left), gauges=(0, 1))
     # A trace of regularisation keeps the cables that no target needs at rest.
     return Robot(device, Limits(jnp.zeros(2), jnp.full(2, 20.0), jnp.full(2, 1e-9), motion=jnp.array(3e-3)))
 
@@ -71,7 +71,7 @@ def reached():
     return go
 
 
-def _forward(device: Device, tensions) -> jnp.ndarray:
+def _forward(device: Model, tensions) -> jnp.ndarray:
     found = simulate(device, NOWHERE, jnp.asarray(tensions))
     assert found.result == RESULTS.converged
     return device.reading(found.state)

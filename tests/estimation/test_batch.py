@@ -13,8 +13,8 @@ import pytest
 
 from softfuse.errors import SolveError
 from softfuse.estimation.batch import batched
-from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.step import Observation, exact_steps
+from softfuse.mechanics.model import Model, simulate
 
 MM = 1e-3
 PLACES = jnp.array([[[x * MM, y * MM, 0.0]] for x, y in ((-17, 0), (-14, 3), (12, -2), (14, -3), (0, 0))])
@@ -24,7 +24,7 @@ import json, runpy, sys
 import jax, jax.numpy as jnp
 shared = runpy.run_path(sys.argv[1])
 from softfuse.estimation.batch import batched
-from softfuse.estimation.device import simulate
+from softfuse.mechanics.model import simulate
 device = shared["two_cavity_device"](shared["LINEAR"], shared["Dense"], 0.3)
 places, forces = (jnp.array(each) for each in json.loads(sys.argv[2]))
 def read(device, at):
@@ -34,19 +34,19 @@ print(json.dumps([jax.device_count(), found.tolist()]))
 """
 
 
-def _read(device: Device, at: tuple[jax.Array, jax.Array]) -> jax.Array:
+def _read(device: Model, at: tuple[jax.Array, jax.Array]) -> jax.Array:
     return device.reading(simulate(device, *at).state)
 
 
 @pytest.fixture(scope="module")
-def alone(plain_device: Device) -> np.ndarray:
+def alone(plain_device: Model) -> np.ndarray:
     """Volume changes (5, 2) m³ of each press by itself."""
     return np.array([_read(plain_device, at) for at in zip(PLACES, FORCES, strict=True)])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("at_once", [2, 64])
-def test_batch_of_equilibria_is_each_alone(plain_device: Device, alone: np.ndarray, at_once: int) -> None:
+def test_batch_of_equilibria_is_each_alone(plain_device: Model, alone: np.ndarray, at_once: int) -> None:
     found = batched(_read, plain_device, (PLACES, FORCES), at_once=at_once)
     np.testing.assert_allclose(found, alone, rtol=1e-9, atol=1e-9 * np.abs(alone).max())
 
@@ -71,7 +71,7 @@ def test_batch_split_over_devices_is_each_alone(alone: np.ndarray) -> None:
 
 
 @pytest.mark.slow
-def test_batch_of_estimates_is_each_alone(plain_device: Device, alone: np.ndarray, one) -> None:
+def test_batch_of_estimates_is_each_alone(plain_device: Model, alone: np.ndarray, one) -> None:
     """Estimates from rest, one of which needs the force's bound."""
     whitening = jnp.tile(1e9 * jnp.eye(alone.shape[1]), (len(PLACES), 1, 1))
     seen = Observation(jnp.asarray(alone).at[4].set(1e-9), whitening, PLACES)
@@ -105,6 +105,6 @@ def test_gradient_of_a_batch_is_the_sum_of_each() -> None:
 
 
 @pytest.mark.parametrize("forces", [FORCES[:0], FORCES[:3]])
-def test_batch_of_unequal_arrays_or_none_is_refused(plain_device: Device, forces) -> None:
+def test_batch_of_unequal_arrays_or_none_is_refused(plain_device: Model, forces) -> None:
     with pytest.raises(SolveError, match="equal length"):
         batched(_read, plain_device, (PLACES[: 2 * len(forces)], forces))

@@ -15,9 +15,9 @@ import pytest
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_tracker
-from softfuse.estimation.device import simulate
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker
+from softfuse.mechanics.model import simulate
 from softfuse.sensors.status import Status
 
 pytestmark = pytest.mark.slow

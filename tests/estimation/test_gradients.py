@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.nonlinear import nonlinear_estimate
 from softfuse.estimation.step import Observation
@@ -23,6 +22,7 @@ from softfuse.material import NeoHookean
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.patch import PatchContact
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
@@ -47,7 +47,7 @@ AT = Given(jnp.asarray(GUIDES), jnp.ones(()), jnp.asarray(SHORTENED))
 
 
 @pytest.fixture(scope="module")
-def pulled() -> Device:
+def pulled() -> Model:
     """The device as it is estimated: the tension is unknown, the cable's length a reading."""
     mesh = mesh_for(LINEAR, pad_mesh(GEOMETRY, 0.04, 0.04))
     x = mesh.nodes[:, 0]
@@ -60,10 +60,10 @@ def pulled() -> Device:
     contact = PatchContact.on(faces, middle, inwards, uniform(rings=3, angles=8), 5e-3)
     tip = int(np.argmax(mesh.nodes @ [1.0, 0.1, 0.1]))
     sensors = tuple(Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
-    return Device(body, sensors, contact, Dense.plan(body), (cable, gas), gauges=(0, 1, 2))
+    return Model(body, sensors, contact, Dense.plan(body), (cable, gas), gauges=(0, 1, 2))
 
 
-def _with(device: Device, given: Given) -> Device:
+def _with(device: Model, given: Given) -> Model:
     """The device with other guides and another modulus."""
     law = device.body.materials[0]
     scaled = jax.tree.map(lambda constant: constant * given.modulus, law)
@@ -98,7 +98,7 @@ def _agree(function: Callable[[Given], jnp.ndarray], tolerance: float) -> None:
 
 
 @pytest.mark.slow
-def test_tip_and_pressures(pulled: Device) -> None:
+def test_tip_and_pressures(pulled: Model) -> None:
     def measured(given: Given) -> jnp.ndarray:
         device = _with(pulled, given)
         cable = device.attached[0]
@@ -113,7 +113,7 @@ def test_tip_and_pressures(pulled: Device) -> None:
 
 
 @pytest.mark.slow
-def test_estimated_force(pulled: Device) -> None:
+def test_estimated_force(pulled: Model) -> None:
     sealed = jnp.full(2, SEALED)
     limits = Limits(
         jnp.concatenate([jnp.zeros(2), sealed]), jnp.concatenate([jnp.full(2, 20.0), sealed]), jnp.zeros(4)

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from softfuse.estimation import kept_programs, live_step
-from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimator, StepSettings
 from softfuse.estimation.kept_programs import lowered
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
 from softfuse.material.base import lame_constants
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.sparse import SparseLU
 
 AT = jnp.array([[14e-3, -2e-3, 0.0]])
@@ -49,7 +49,7 @@ def traced(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
-def pressed(device: Device, one: Limits, settings: StepSettings = DEFAULT_STEPS) -> list[np.ndarray]:
+def pressed(device: Model, one: Limits, settings: StepSettings = DEFAULT_STEPS) -> list[np.ndarray]:
     """All numbers of some frames with a growing force."""
     following = Estimator(device, one, AT, settings)
     found = []

@@ -16,12 +16,12 @@ import pytest
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_tracker
-from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.mutual_field import Thing
 from softfuse.experiment.virtual_mutual import MutualBed
 from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
 from softfuse.sensors import d6f_p0001a1
 from softfuse.sensors.status import Status
@@ -53,7 +53,7 @@ def heights_and_forces() -> tuple[np.ndarray, np.ndarray]:
     return MM * np.stack([one[0], other[0]], axis=1), np.stack([one[1], other[1]], axis=1)
 
 
-def volumes_of(device: Device, forces: np.ndarray) -> np.ndarray:
+def volumes_of(device: Model, forces: np.ndarray) -> np.ndarray:
     """Volume changes (n, k) [m³] under both forces of each frame (n, 2)."""
     places = jnp.asarray(MM * np.array([[*ONE, 0.0], [*OTHER, 0.0]]))
     levels, state = np.linspace(0.0, 1.0, 5), device.rest_state(places)

@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.estimation.device import simulate
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.motion import motion
 from softfuse.estimation.step import Observation, PlacePrior, exact_steps
+from softfuse.mechanics.model import simulate
 from softfuse.mechanics.newton import tangent_at
 
 AT = jnp.array([[-12e-3, 3e-3, 0.0]])

@@ -11,14 +11,14 @@ import pytest
 
 from softfuse.body import Body
 from softfuse.errors import SoftfuseError, SolveError
-from softfuse.estimation.atlas import Atlas, AtlasFolder
-from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import Estimator
-from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation
+from softfuse.mechanics.model import Model
+from softfuse.rom.atlas import Atlas, AtlasFolder
 from softfuse.rom.cells import Cells
 from softfuse.rom.load_paths import presses
+from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import rest_stiffness
 from softfuse.rom.teaching import ChartSettings, teach
 
@@ -29,7 +29,7 @@ PATH = [(-14.5 + 0.13 * k, 0.5 + 0.01 * k, 1.0 + 0.1 * k) for k in range(40)]
 
 
 @pytest.fixture(scope="module")
-def folder(device: Device, tmp_path_factory: pytest.TempPathFactory) -> AtlasFolder:
+def folder(device: Model, tmp_path_factory: pytest.TempPathFactory) -> AtlasFolder:
     """The charts of the small device."""
     assert isinstance(device.body, Body)
     stiffness = rest_stiffness(device.body)
@@ -48,21 +48,21 @@ def folder(device: Device, tmp_path_factory: pytest.TempPathFactory) -> AtlasFol
             around=[jnp.asarray(place)[None] for place in cell.grid(9)],
             settings=ChartSettings(displacements=40, pressures=16),
         )
-        folder.write(number, reduced_device(device, stiffness, chart), chart.basis)
+        folder.write(number, reduced_model(device, stiffness, chart), chart.basis)
     return folder
 
 
 @pytest.fixture(scope="module")
-def estimator(device: Device, folder: AtlasFolder, one) -> ReducedEstimator:
+def estimator(device: Model, folder: AtlasFolder, one) -> ReducedEstimator:
     return ReducedEstimator(Atlas(device, CELLS, folder), one, jnp.zeros((1, 3)))
 
 
 @pytest.fixture(scope="module")
-def full(device: Device, one) -> Estimator:
+def full(device: Model, one) -> Estimator:
     return Estimator(device, one, jnp.zeros((1, 3)))
 
 
-def seen_at(device: Device, volumes_under, x: float, y: float, force: float) -> Observation:
+def seen_at(device: Model, volumes_under, x: float, y: float, force: float) -> Observation:
     """The volumes of an equilibrium, x, y in mm."""
     place = jnp.array([[x * MM, y * MM, 0.0]])
     return Observation(volumes_under(device, place, jnp.array([force])), 1e9 * jnp.eye(2), place)

@@ -12,9 +12,9 @@ from softfuse.body import Body
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_reduction import Teacher, build_regions
-from softfuse.estimation.device import simulate
-from softfuse.estimation.reduced_device import reduced_device
+from softfuse.mechanics.model import simulate
 from softfuse.mechanics.solution import RESULTS
+from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import rest_stiffness
 
 CHANGES = (
@@ -39,7 +39,7 @@ def test_what_was_not_taught_is_that_of_the_full_finger(linear_finger: Callable[
     assert (
         not chart.sampling.beyond_rest and len(chart.sampling.cubature.parts) < device.body.volumes.size / 2
     )
-    small = reduced_device(device, stiffness, chart)
+    small = reduced_model(device, stiffness, chart)
     for push, pull in ((1.0, 1.3), (0.4, 2.6)):
         drive = device.rest_state(PLACE).drive.at[:3].set(jnp.array([0.7 * push, 0.3 * push, pull]))
         exact, found = (jax.block_until_ready(simulate(each, PLACE, drive)) for each in (device, small))

@@ -8,8 +8,8 @@ import pytest
 
 from softfuse.config import load
 from softfuse.config.build_device import build_device
-from softfuse.estimation.device import Device, compliance, simulate
 from softfuse.estimation.rest_response import place_response, rest_response
+from softfuse.mechanics.model import Model, compliance, simulate
 
 PLACES = jnp.array([[0.012, -0.015, 0.0], [-0.003, 0.004, 0.0]])
 SMALL_N = 1e-3
@@ -17,7 +17,7 @@ SMALL_N = 1e-3
 
 
 @pytest.fixture(scope="module")
-def device(coarse) -> Device:
+def device(coarse) -> Model:
     """The pad on the coarsest mesh."""
     return build_device(load(coarse))
 

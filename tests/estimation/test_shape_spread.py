@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.estimation.device import simulate
 from softfuse.estimation.shape_spread import displacement_sigma
+from softfuse.mechanics.model import simulate
 
 AT, FORCE = jnp.array([[-12e-3, 3e-3, 0.0]]), jnp.array([4.0])
 

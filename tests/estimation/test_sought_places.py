@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.estimation.device import compliance
 from softfuse.estimation.reading_pattern import ReadingPattern
 from softfuse.estimation.sought_places import SoughtPlaces
+from softfuse.mechanics.model import compliance
 
 YES, NO = np.array([True]), np.array([False])
 ROOM = np.full((1, 2), -0.02), np.full((1, 2), 0.03)

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.estimation.device import compliance, simulate
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.nonlinear import nonlinear_estimate
 from softfuse.estimation.step import Observation, exact_steps
+from softfuse.mechanics.model import compliance, simulate
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_compliance_is_the_slope_of_the_volumes(device, volumes_under) -> None:
 
 
 def _parameters(device, seen, factor, shift, extra):
-    """Device with all shear moduli times a factor, a contact shifted along x, one volume changed."""
+    """Model with all shear moduli times a factor, a contact shifted along x, one volume changed."""
     softer = eqx.tree_at(
         lambda d: d.body.materials, device, jax.tree.map(lambda leaf: factor * leaf, device.body.materials)
     )

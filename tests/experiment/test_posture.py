@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.estimation.device import Device
 from softfuse.experiment.posture import Posture, Watched
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.functional.pressure_cells import uniform
 from softfuse.material import NeoHookean
 from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.patch import PatchContact
 from softfuse.mechanics.solution import State
 from softfuse.mesh.pad import PadGeometry, pad_mesh
@@ -28,7 +28,7 @@ INTO = np.array([[0, 0, -1.0], [-2.0, 0, 0]])
 
 
 @pytest.fixture(scope="module")
-def device() -> Device:
+def device() -> Model:
     """A block of 70 × 40 × 18 mm, held at its bottom, with patches on its top and on its right side."""
     geometry = PadGeometry(
         (70 * MM, 40 * MM, 18 * MM), (26 * MM, 28 * MM, 6 * MM), ((-17 * MM, 0.0),), 6 * MM
@@ -37,10 +37,10 @@ def device() -> Device:
     law = NeoHookean.from_young(0.6e6, 0.3)
     body = Body.from_mesh(mesh, [law], mesh.nodes[:, 2] < 1e-9, element=LINEAR)
     contact = PatchContact.on(outer_surface(mesh).faces, MIDDLES, INTO, uniform(), 3 * MM)
-    return Device(body, (), contact, Dense.plan(body))
+    return Model(body, (), contact, Dense.plan(body))
 
 
-def watched(device: Device, points: np.ndarray, chain: np.ndarray | None) -> Watched:
+def watched(device: Model, points: np.ndarray, chain: np.ndarray | None) -> Watched:
     """What is watched on the block."""
     body, contact = device.body, device.contact
     assert isinstance(contact, PatchContact)
@@ -49,7 +49,7 @@ def watched(device: Device, points: np.ndarray, chain: np.ndarray | None) -> Wat
     return Watched.on(device, at, line, np.asarray(contact.faces), MIDDLES, INTO)
 
 
-def sheared(device: Device) -> State:
+def sheared(device: Model) -> State:
     """The state in which each point is displaced by its height times the slope."""
     body, rest = device.body, device.rest_state(jnp.arange(1))
     moved = body.rest[:, 2:] * SLOPE
@@ -57,7 +57,7 @@ def sheared(device: Device) -> State:
 
 
 @pytest.fixture(scope="module")
-def posture(device: Device) -> Posture:
+def posture(device: Model) -> Posture:
     return watched(device, POINTS, CHAIN).posture(sheared(device))
 
 
@@ -80,7 +80,7 @@ def test_normals_turn_with_the_surface(posture: Posture) -> None:
     np.testing.assert_allclose(posture.inward[1], np.tile(-side / np.linalg.norm(side), (2, 1)), atol=1e-12)
 
 
-def test_nothing_needs_to_be_watched_besides_patches(device: Device) -> None:
+def test_nothing_needs_to_be_watched_besides_patches(device: Model) -> None:
     found = watched(device, np.zeros((0, 3)), None).posture(sheared(device))
     assert found.point_m.shape == (0, 3) and found.turn.shape == (0,) and np.isnan(found.tip_turn)
     assert found.answers.shape == (0,)

@@ -16,11 +16,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softfuse.estimation.device import simulate
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.mechanics import LinearPorts, Loads, Punch
 from softfuse.mechanics.interface import settle
+from softfuse.mechanics.model import simulate
 
 SHAPES = [(1, 1), (1, 9), (2, 6)]
 GAMMA = 1e3  # N/m

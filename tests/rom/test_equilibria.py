@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.estimation.device import Device, simulate
 from softfuse.mechanics import RESULTS
+from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import State
 from softfuse.rom.equilibria import follow, rough_factor, step_to
 
@@ -15,19 +15,19 @@ PLACE = jnp.array([[-12e-3, 3e-3, 0.0]])
 
 
 @eqx.filter_jit
-def followed(device: Device, place, drive, start: State, factor):
+def followed(device: Model, place, drive, start: State, factor):
     """`follow` on a device."""
     return follow(device.linear, device.body, device.loads(place), drive, start, factor)
 
 
 @eqx.filter_jit
-def factor_of(device: Device, place, state: State):
+def factor_of(device: Model, place, state: State):
     """`rough_factor` on a device."""
     return rough_factor(device.linear, device.body, device.loads(place), state)
 
 
 @eqx.filter_jit
-def stepped(device: Device, place, drive, state: State, factor):
+def stepped(device: Model, place, drive, state: State, factor):
     """`step_to` on a device."""
     return step_to(device.linear, device.body, device.loads(place), drive, state, factor)[0]
 

@@ -13,16 +13,16 @@ from softfuse.body.body import Body
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.errors import SolveError
-from softfuse.estimation.device import Device
-from softfuse.estimation.reduced_device import reduced_device
 from softfuse.mechanics.linearised import loaded_tangents
 from softfuse.mechanics.load import AbstractPorts
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.prescribed import PrescribedForce
 from softfuse.mechanics.solution import State
 from softfuse.rom.basis import Basis
 from softfuse.rom.chart import Chart
 from softfuse.rom.cubature import Cubature
 from softfuse.rom.projected_ports import projected_load
+from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import rest_stiffness
 from softfuse.rom.sampling import Sampling
 
@@ -36,8 +36,8 @@ PLACE = jnp.array([4, 10])
 class Pair(NamedTuple):
     """A finger, the same on a few smooth modes (n, m), and the chart of these."""
 
-    full: Device
-    small: Device
+    full: Model
+    small: Model
     modes: np.ndarray
     chart: Chart
 
@@ -60,7 +60,7 @@ def pair(linear_finger: Callable[..., Path]) -> Pair:
     count = body.volumes.size
     every = Sampling(Cubature(np.arange(count), np.ones(count), 0.0), True)
     chart = Chart(basis, every, np.array([0]), np.ones(MODES), np.zeros((1, MODES)), 1e-3)
-    return Pair(full, reduced_device(full, rest_stiffness(body), chart), basis.columns, chart)
+    return Pair(full, reduced_model(full, rest_stiffness(body), chart), basis.columns, chart)
 
 
 def states(pair: Pair) -> tuple[State, State]:

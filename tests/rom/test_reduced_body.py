@@ -12,13 +12,12 @@ import pytest
 from softfuse.body import LINEAR, TAYLOR_HOOD, AbstractBody, Body, mesh_for
 from softfuse.body.stiffness_field import with_field
 from softfuse.errors import SolveError
-from softfuse.estimation.device import Device, compliance, simulate
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.limits import Limits
-from softfuse.estimation.reduced_device import reduced_device
 from softfuse.estimation.step import Observation
 from softfuse.material import MooneyRivlin, NeoHookean
 from softfuse.mechanics.load import Loads
+from softfuse.mechanics.model import Model, compliance, simulate
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.tetmesh import tet_mesh
@@ -30,6 +29,7 @@ from softfuse.rom.known_inverses import KnownInverses, far_apart
 from softfuse.rom.load_paths import LoadPath, presses
 from softfuse.rom.projection import project
 from softfuse.rom.reduced_body import ReducedBody
+from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import RestStiffness, rest_stiffness
 from softfuse.rom.sampling import Sampling, sampled
 from softfuse.rom.snapshots import snapshots
@@ -48,7 +48,7 @@ def at(x: float, y: float) -> jax.Array:
     return jnp.array([[x, y, 0.0]])
 
 
-def device_loads(device: Device) -> Callable[[AbstractBody, jax.Array], Loads]:
+def device_loads(device: Model) -> Callable[[AbstractBody, jax.Array], Loads]:
     """The loads of a device on any body with its nodes, at places (c, 3)."""
     return lambda body, places: replace(device, body=body).loads(places)
 
@@ -58,21 +58,21 @@ class Taught(NamedTuple):
     states (t, n) at unseen presses.
     """
 
-    device: Device
+    device: Model
     chart: Chart
     watching: ReducedBody
     states: np.ndarray
 
 
 @pytest.fixture(scope="module")
-def stiffness(device: Device) -> RestStiffness:
+def stiffness(device: Model) -> RestStiffness:
     """Of the full body."""
     assert isinstance(device.body, Body)
     return rest_stiffness(device.body)
 
 
 @pytest.fixture(scope="module")
-def taught(device: Device, stiffness: RestStiffness) -> Taught:
+def taught(device: Model, stiffness: RestStiffness) -> Taught:
     """The small device around one place, from four load paths."""
     body = device.body
     assert isinstance(body, Body)
@@ -85,7 +85,7 @@ def taught(device: Device, stiffness: RestStiffness) -> Taught:
         around=[jnp.asarray(place)[None] for place in CELL.grid(9)],
         settings=ChartSettings(displacements=45, pressures=18),
     )
-    small = reduced_device(device, stiffness, chart)
+    small = reduced_model(device, stiffness, chart)
     states = [simulate(small, at(*place), jnp.array([force])).state.z for place, force in UNSEEN]
     watching = project(body, stiffness, chart._replace(watched=np.arange(body.n_nodes)))
     return Taught(small, chart, watching, np.array(states))
@@ -245,7 +245,7 @@ def test_unseen_presses_are_within_a_percent_of_the_full_body(device, taught, pl
 
 
 @pytest.mark.slow
-def test_a_stiffness_field_is_reduced_with_the_body(device: Device) -> None:
+def test_a_stiffness_field_is_reduced_with_the_body(device: Model) -> None:
     """Against the full body, and by far more than it misses of that."""
     assert isinstance(device.body, Body)
     body = with_field(device.body, jnp.array([0.3, -0.1, 0.2, 0.1, 0.1, 0.0, 0.2, 0.0, 0.1]))
@@ -260,7 +260,7 @@ def test_a_stiffness_field_is_reduced_with_the_body(device: Device) -> None:
         around=[jnp.asarray(place)[None] for place in CELL.grid(9)],
         settings=ChartSettings(displacements=45, pressures=18),
     )
-    small = reduced_device(made, stiffness, chart)
+    small = reduced_model(made, stiffness, chart)
     place, force = UNSEEN[0]
     plain, exact, found = (
         np.asarray(each.reading(simulate(each, at(*place), jnp.array([force])).state))
@@ -359,4 +359,4 @@ def test_a_state_at_rest_is_refused(device, taught) -> None:
 
 def test_a_reduced_device_is_not_reduced_again(taught, stiffness) -> None:
     with pytest.raises(SolveError, match="reduce the full device"):
-        reduced_device(taught.device, stiffness, taught.chart)
+        reduced_model(taught.device, stiffness, taught.chart)

@@ -5,7 +5,6 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -16,12 +15,11 @@ from jaxtyping import Float
 
 from softfuse.body.body import Body
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.device import Device
-from softfuse.functional.base import AbstractFunctional
-from softfuse.functional.cavity import Cavity
-from softfuse.mechanics.load import AbstractLoad
+from softfuse.mechanics.load import AbstractContact, AbstractLoad
+from softfuse.mechanics.model import Model
 from softfuse.mechanics.patch import PatchContact
 from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.reading import AbstractReading, ShapeReading
 from softfuse.mechanics.volume import VolumePorts
 from softfuse.rom.basis import Basis
 from softfuse.rom.body_arrays import Arrays, body_arrays, body_of, of_nodes
@@ -34,6 +32,7 @@ from softfuse.rom.projected_ports import (
 )
 from softfuse.rom.projected_volume import ProjectedVolumes
 from softfuse.rom.reduced_body import ReducedBody
+from softfuse.rom.reduced_model import volume_readings
 from softfuse.rom.telling_unknowns import Telling, telling, telling_unknowns
 
 _Part = ProjectedVolumes | ProjectedGuides | ProjectedPatches | KnownInverses
@@ -54,7 +53,7 @@ class Kept(NamedTuple):
     displacement mode, node by node.
     """
 
-    device: Device
+    device: Model
     basis: Basis
     telling: tuple[Telling, Telling]
     nodal: Float[np.ndarray, "3k m"]
@@ -73,7 +72,7 @@ class Kept(NamedTuple):
         return np.concatenate([told.of_them @ (modes[told.unknowns] @ of) for told, modes, of in parts])
 
 
-def write_device(path: Path, device: Device, basis: Basis, mark: str) -> None:
+def write_device(path: Path, device: Model, basis: Basis, mark: str) -> None:
     """Write a device with a body that was projected onto a basis; its file appears when it is whole.
 
     Raises OSError when it cannot be written.
@@ -99,7 +98,7 @@ def kept_sizes(path: Path, mark: str) -> Sizes:
     return Sizes(tuple(arrays["points"].tolist()), len(arrays["watched"]))
 
 
-def read_device(path: Path, mark: str, full: Device, sizes: Sizes) -> Kept:
+def read_device(path: Path, mark: str, full: Model, sizes: Sizes) -> Kept:
     """The device of a file, in the given sizes, at least its own; what it shares is the `full` one's.
 
     Raises SoftfuseError when there is none, it is damaged, or it was made from something else than `mark`
@@ -108,18 +107,21 @@ def read_device(path: Path, mark: str, full: Device, sizes: Sizes) -> Kept:
     assert isinstance(full.body, Body)
     arrays = _read(path, mark)
     body = body_of(full.body, arrays, sizes.points, sizes.watched)
-    sensors: list[AbstractFunctional] = []
-    for kind, group in groupby(full.sensors, type):
-        of_cavities = kind is Cavity
-        sensors += [_part(ProjectedVolumes, f"sensor{len(sensors)}", arrays)] if of_cavities else group
-    contact = full.contact
-    if isinstance(contact, PatchContact):
-        contact = _part(ProjectedPatches, "contact", arrays)
-    elif isinstance(contact, PunchContact):
-        contact = projected_discs(contact, body)
-    attached = tuple(_attached(load, f"attached{k}", arrays) for k, load in enumerate(full.attached))
+    readings: list[AbstractReading] = []
+    for number, (cavities, reading) in enumerate(volume_readings(full.readings)):
+        if cavities:
+            reading = ShapeReading(_part(ProjectedVolumes, f"reading{number}", arrays))
+        readings.append(reading)
+    contacts: list[AbstractContact] = []
+    for number, contact in enumerate(full.contacts):
+        if isinstance(contact, PatchContact):
+            contact = _part(ProjectedPatches, f"contact{number}", arrays)
+        elif isinstance(contact, PunchContact):
+            contact = projected_discs(contact, body)
+        contacts.append(contact)
+    actuators = tuple(_actuator(load, f"actuator{k}", arrays) for k, load in enumerate(full.actuators))
     linear = ReducedDense.with_known(body, _part(KnownInverses, "known", arrays))
-    device = Device(body, tuple(sensors), contact, linear, attached, full.gauges)
+    device = Model(body, tuple(readings), tuple(contacts), linear, actuators, full.slots)
     basis = Basis(arrays["displacement"], arrays["pressure"])
     nodal = of_nodes(full.body, np.arange(full.body.n_nodes), basis.displacement)
     told = (
@@ -129,24 +131,25 @@ def read_device(path: Path, mark: str, full: Device, sizes: Sizes) -> Kept:
     return Kept(device, basis, told, nodal.reshape(-1, nodal.shape[-1]))
 
 
-def _projected_parts(device: Device) -> Iterator[tuple[str, _Part]]:
+def _projected_parts(device: Model) -> Iterator[tuple[str, _Part]]:
     """What a reduced device has instead of the full one's parts, but for the body, by name."""
     assert isinstance(device.linear, ReducedDense)
     yield "known", device.linear.known
-    for number, sensor in enumerate(device.sensors):
-        if isinstance(sensor, ProjectedVolumes):
-            yield f"sensor{number}", sensor
-    if isinstance(device.contact, ProjectedPatches):
-        yield "contact", device.contact
-    for number, load in enumerate(device.attached):
+    for number, reading in enumerate(device.readings):
+        if isinstance(reading, ShapeReading) and isinstance(reading.functional, ProjectedVolumes):
+            yield f"reading{number}", reading.functional
+    for number, contact in enumerate(device.contacts):
+        if isinstance(contact, ProjectedPatches):
+            yield f"contact{number}", contact
+    for number, load in enumerate(device.actuators):
         ports = load.ports
         if isinstance(ports, ProjectedVolumePorts):
-            yield f"attached{number}", ports.volumes
+            yield f"actuator{number}", ports.volumes
         elif isinstance(ports, ProjectedGuides):
-            yield f"attached{number}", ports
+            yield f"actuator{number}", ports
 
 
-def _attached(load: AbstractLoad, name: str, arrays: Arrays) -> AbstractLoad:
+def _actuator(load: AbstractLoad, name: str, arrays: Arrays) -> AbstractLoad:
     """A load of the full device with the ports of some arrays."""
     if isinstance(load.ports, VolumePorts):
         ports = ProjectedVolumePorts(_part(ProjectedVolumes, name, arrays))

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.device import Device
-from softfuse.estimation.kept_device import Kept, Sizes, kept_sizes, read_device, write_device
+from softfuse.mechanics.model import Model
 from softfuse.rom.basis import Basis
 from softfuse.rom.cells import AbstractRegions
+from softfuse.rom.rom_file import Kept, Sizes, kept_sizes, read_device, write_device
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class AtlasFolder:
         """Whether the chart of a region is there; raises SoftfuseError for one of another device."""
         return self.file(number).exists() and bool(kept_sizes(self.file(number), self.mark))
 
-    def write(self, number: int, device: Device, basis: Basis) -> None:
+    def write(self, number: int, device: Model, basis: Basis) -> None:
         """Write the chart of a region. Raises OSError when it cannot be written."""
         write_device(self.file(number), device, basis, self.mark)
 
@@ -35,7 +35,7 @@ class AtlasFolder:
 class Atlas:
     """All charts of a full device, in equal sizes."""
 
-    def __init__(self, full: Device, regions: AbstractRegions, folder: AtlasFolder):
+    def __init__(self, full: Model, regions: AbstractRegions, folder: AtlasFolder):
         """See that all charts are there. Raises SoftfuseError when one is missing, damaged, or was made for
         another device.
         """

@@ -1,0 +1,133 @@
+"""The mechanical model of a robot: a body, what acts on it, what may touch it, and what its sensors read.
+
+`reading(state)` is the measurement model s(q), for vented chambers ΔV(q) of Navarro et al. 2020, eq. 8;
+`jax.jacfwd` of it through the equilibrium is the compliance W_va. Drives are ordered contacts first, then the
+actuators.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from softfuse.body.base import AbstractBody
+from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.linear_solver import AbstractLinearSolver
+from softfuse.mechanics.load import AbstractContact, AbstractLoad, Loads
+from softfuse.mechanics.newton import Newton, solve
+from softfuse.mechanics.reading import AbstractReading, AnswerReading, Equilibrium
+from softfuse.mechanics.solution import Solution, State
+
+_Load = TypeVar("_Load", bound=AbstractLoad)
+
+
+class Model(eqx.Module):
+    """Body, readings, kinds of contacts, and the loads that are always there, such as cables and chambers.
+
+    `slots`: of which of the `contacts` each contact is that is followed at once; with one kind all are of it,
+    however many. The place of each (3, 3), see `functional.chart`, is given with each use.
+    """
+
+    body: AbstractBody
+    readings: tuple[AbstractReading, ...]
+    contacts: tuple[AbstractContact, ...]
+    linear: AbstractLinearSolver
+    actuators: tuple[AbstractLoad, ...] = ()
+    slots: tuple[int, ...] = eqx.field(static=True, default=())
+
+    @property
+    def n_readings(self) -> int:
+        """Number k of readings."""
+        return sum(reading.count for reading in self.readings)
+
+    @property
+    def answered(self) -> Int[np.ndarray, " k"]:
+        """The actuators' drive (k,) that each reading answers; -1 for those that answer none."""
+        each = [
+            reading.numbers if isinstance(reading, AnswerReading) else (-1,) * reading.count
+            for reading in self.readings
+        ]
+        return np.array([number for numbers in each for number in numbers], int)
+
+    def kinds(self, count: int) -> tuple[AbstractContact, ...]:
+        """What each of so many contacts is."""
+        slots = self.slots if len(self.contacts) > 1 else (0,) * count
+        return tuple(self.contacts[slot] for slot in slots[:count])
+
+    def adding(self, count: int) -> Float[np.ndarray, "c F"]:
+        """The matrix (c, F) that adds the forces F of so many contacts up to one for each."""
+        parts = [kind.drives for kind in self.kinds(count)]
+        return np.repeat(np.eye(count), parts, axis=1)
+
+    def loads(self, places: Sequence[Array] | Array) -> Loads:
+        """The loads under contacts at places (c, 3, 3)."""
+        kinds = self.kinds(len(places))
+        touching = [kind.load(self.body, place) for kind, place in zip(kinds, places, strict=True)]
+        return Loads((*touching, *self.actuators))
+
+    def rest_state(self, places: Sequence[Array] | Array) -> State:
+        """The undeformed state under contacts at places (c, 3, 3) without force."""
+        return State.rest(self.body, self.loads(places))
+
+    def reading(self, state: State, places: Sequence[Array] | Array = ()) -> Float[Array, " k"]:
+        """What the sensors read in a state under contacts at places (c, 3, 3), minus what they read at rest
+        (k,), in SI; the places only matter to readings that see the contacts' forces, see
+        `AbstractReading.of`.
+        """
+        contacts = Loads(tuple(self.loads(places).parts[: len(places)]))
+        at = Equilibrium(self.body, contacts, Loads(self.actuators), state)
+        return jnp.concatenate([jnp.zeros(0), *(reading.of(at) for reading in self.readings)])
+
+    def answers(self, state: State) -> Float[Array, " a"]:
+        """What answers the actuators' drives (a,), see `AbstractLoad.conjugate`."""
+        return Equilibrium(self.body, Loads(()), Loads(self.actuators), state).answers
+
+    def depth(self, places: Sequence[Array] | Array, state: State) -> Float[Array, ""]:
+        """How far the first of contacts at places (c, 3, 3) has sunk in [m], the mean of its parts."""
+        touching = Loads((self.kinds(1)[0].load(self.body, places[0]),))
+        force, internal = state.force[: touching.sizes.forces], state.internal[: touching.sizes.internal]
+        return jnp.mean(touching.conjugate(force, internal, touching.values(self.body, state.z)))
+
+
+def with_body(model: Model, body: AbstractBody) -> Model:
+    """The same model of a body with other rest nodes or materials, in which its gas was sealed."""
+    sealed = with_actuators(model, SealedGas, lambda gas: gas.sealed_in(body))
+    return eqx.tree_at(lambda m: m.body, sealed, body)
+
+
+def with_actuators(model: Model, kind: type[_Load], changed: Callable[[_Load], _Load]) -> Model:
+    """The model whose actuators of a kind are changed, one after the other."""
+    actuators = tuple(changed(load) if isinstance(load, kind) else load for load in model.actuators)
+    return eqx.tree_at(lambda m: m.actuators, model, actuators)
+
+
+@eqx.filter_jit
+def simulate(
+    model: Model, places: Array, drive: Float[Array, " D"], start: State | None = None
+) -> Solution:
+    """The equilibrium under contacts at places (c, 3, 3) and drives (D,), searched from rest or `start`.
+
+    `drive`: the contacts' total forces [N], then what the actuators are driven with. Pure and differentiable
+    in everything; `Solution.result` says how it ended.
+    """
+    loads = model.loads(places)
+    start = State.rest(model.body, loads) if start is None else start
+    return solve(Newton(model.linear), model.body, loads, drive, start)
+
+
+@eqx.filter_jit
+def compliance(
+    model: Model, places: Array, drive: Float[Array, " D"], start: State | None = None
+) -> Float[Array, "k D"]:
+    """W = ∂s/∂u (k, D), readings per drive, at the equilibrium under drives (D,): one linear
+    solve for each.
+    """
+
+    def measured(given):
+        return model.reading(simulate(model, places, given, start).state, places)
+
+    return jax.jacfwd(measured)(drive)

@@ -1,0 +1,80 @@
+"""The same model with a reduced body."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from softfuse.body.body import Body
+from softfuse.errors import SolveError
+from softfuse.functional.cavity import Cavity
+from softfuse.mechanics.load import AbstractContact, Loads
+from softfuse.mechanics.model import Model
+from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.reading import AbstractReading, ShapeReading
+from softfuse.rom.chart import Chart
+from softfuse.rom.known_inverses import KnownInverses, ReducedDense
+from softfuse.rom.projected_ports import projected_discs, projected_load, projected_patches
+from softfuse.rom.projected_volume import projected_volumes
+from softfuse.rom.projection import project
+from softfuse.rom.rest_stiffness import RestStiffness
+
+
+def reduced_model(
+    model: Model, stiffness: RestStiffness, chart: Chart, places: Float[np.ndarray, "e 3 3"]
+) -> Model:
+    """The model with the body of a chart that was taught by its own, which has that stiffness at rest.
+
+    Chambers become polynomials, actuators and what presses become rows of the modes, patches at `places` (e,
+    3, 3) only; other functionals stay, so that the chart must watch their nodes. Raises SolveError when the
+    body is a reduced one already, an actuator cannot be projected, or the stiffness is singular.
+    """
+    full = model.body
+    if not isinstance(full, Body):
+        raise SolveError("the device's body is a reduced one already: reduce the full device")
+    body = project(full, stiffness, chart)
+    readings: list[AbstractReading] = []
+    for cavities, reading in volume_readings(model.readings):
+        projected = ShapeReading(projected_volumes(cavities, body, chart.reach)) if cavities else reading
+        readings.append(projected)
+    contacts: list[AbstractContact] = []
+    for contact in model.contacts:
+        if isinstance(contact, PatchContact):
+            contact = projected_patches(contact, full, chart.basis, places)
+        elif isinstance(contact, PunchContact):
+            contact = projected_discs(contact, body)
+        contacts.append(contact)
+    actuators = tuple(projected_load(load, full, body, chart) for load in model.actuators)
+    # Contacts' ports are linear: they stiffen nothing.
+    known = KnownInverses.of(body, Loads(actuators), chart.typical)
+    return replace(
+        model,
+        body=body,
+        linear=ReducedDense.with_known(body, known),
+        readings=tuple(readings),
+        contacts=tuple(contacts),
+        actuators=actuators,
+    )
+
+
+def volume_readings(
+    readings: Sequence[AbstractReading],
+) -> Iterator[tuple[list[Cavity], AbstractReading]]:
+    """Readings one after the other, with those of volumes that follow each other as one: the cavities, of
+    others none, and the (first) reading.
+    """
+    cavities: list[Cavity] = []
+    first: AbstractReading | None = None
+    for reading in readings:
+        if isinstance(reading, ShapeReading) and isinstance(reading.functional, Cavity):
+            cavities.append(reading.functional)
+            first = first or reading
+            continue
+        if first is not None:
+            yield cavities, first
+            cavities, first = [], None
+        yield [], reading
+    if first is not None:
+        yield cavities, first
