@@ -54,9 +54,7 @@ class ReadingPattern:
     slope: Float[np.ndarray, "s k"]
 
     @classmethod
-    def of(
-        cls, device: Model | Atlas, workspace: AbstractWorkspace, side: int = _SIDE
-    ) -> "ReadingPattern":
+    def of(cls, device: Model | Atlas, workspace: AbstractWorkspace, side: int = _SIDE) -> "ReadingPattern":
         """Of presses on a grid over a workspace."""
         places, pitch = workspace.grid(side)
         if isinstance(device, Atlas):

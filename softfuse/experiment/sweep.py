@@ -91,9 +91,7 @@ def outcomes(device: Model, series: Series, places: Float[Array, "c 3 3"]) -> It
 
 
 @eqx.filter_jit
-def _least_overlap(
-    disc: PunchContact, body: AbstractBody, places: Float[Array, "c 3 3"]
-) -> Float[Array, ""]:
+def _least_overlap(disc: PunchContact, body: AbstractBody, places: Float[Array, "c 3 3"]) -> Float[Array, ""]:
     return jnp.min(jnp.stack([disc.at(place).overlap(body) for place in places]))
 
 

@@ -106,9 +106,7 @@ def with_actuators(model: Model, kind: type[_Load], changed: Callable[[_Load], _
 
 
 @eqx.filter_jit
-def simulate(
-    model: Model, places: Array, drive: Float[Array, " D"], start: State | None = None
-) -> Solution:
+def simulate(model: Model, places: Array, drive: Float[Array, " D"], start: State | None = None) -> Solution:
     """The equilibrium under contacts at places (c, 3, 3) and drives (D,), searched from rest or `start`.
 
     `drive`: the contacts' total forces [N], then what the actuators are driven with. Pure and differentiable
