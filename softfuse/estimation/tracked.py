@@ -34,8 +34,8 @@ class Evidence:
     `misfit` (k,) in SI, NaN where a reading took no part; `drive` u₀ (D,); `compliance` W (k, D); `place_m`
     p₀ (P,): along both tangents of each contact, and `by_place` G (k, P), 0 where readings were not to tell
     places; `seen_m`, `seen_sigma_m` (P,): what the senses alone say of places, and its standard deviation,
-    NaN where they say nothing; `acting` (D,): drives that may be other than 0; `model` (k, k): covariance of the
-    model's error; `drift`: what readings drift by.
+    NaN where they say nothing; `acting` (D,): drives that may be other than 0; `model` (k, k): covariance of
+    the model's error; `drift`: what readings drift by.
     """
 
     misfit: Float[np.ndarray, " k"]
@@ -68,8 +68,8 @@ class Tracked:
     as far as that leaves open, as the readings tell, NaN where unknown; `location_sigma_m` (c, 2): standard
     deviations along the tangents, NaN where unknown; `contact_force_N` (c,): NaN where unknown, 0 where
     nothing touches; `force_covariance_N2` (c, c): see `posterior_covariance`, NaN where the force is;
-    `places` (c, 3, 3): where the device's contact was taken to press; `covariance` (m, m): of all drives in their units,
-    then of places along their tangents [m], if readings may tell them; `attached`
+    `places` (c, 3, 3): where the device's contact was taken to press; `covariance` (m, m): of all drives in
+    their units, then of places along their tangents [m], if readings may tell them; `attached`
     (a,): what the attached loads are driven with; `reading`, `sigma` (k,): measured; `misfit` (k,): measured
     minus modelled, NaN without an estimate and where a reading took no part; `evidence`: for who joins
     frames, None where readings do not drift, the state was lost, or only readings tell of a place; `details`:
