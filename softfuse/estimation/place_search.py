@@ -1,34 +1,52 @@
 """Where contacts are, from what sees them and from the readings, frame after frame.
 
 `SoughtPlaces` follows those that the readings help to find. One that nothing sees is begun where the pattern
-of the readings points to (`ReadingPattern`), and begun anew where they say clearly that it is elsewhere; how
-far it may be from where it is taken to be counts what else the pattern leaves open.
+of the readings points to (`reading_pattern`), and begun anew where they say clearly that it is elsewhere; how
+far it may be from where it is taken to be counts what else the pattern leaves open. It stays on the surface:
+after each frame its place is carried back onto it.
 """
 
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
-from softfuse.estimation.reading_pattern import PatternFit, ReadingPattern, offsets
+from softfuse.estimation.reading_pattern import PatternFit
 from softfuse.estimation.sought_places import SoughtPlaces
 from softfuse.estimation.step import PlacePrior
 from softfuse.functional.chart import moved
 from softfuse.functional.workspace import AbstractWorkspace
-from softfuse.mechanics.model import Model
-from softfuse.rom.atlas import Atlas
-from softfuse.sensors.senses import Sensed
+
+_OPEN = 0.1
+"""Share of presses elsewhere from which on a place is one of several."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What is known of c contacts before the readings tell: which press (c,), and are seen by no sensor,
+    `unseen` (c,); `places` (c, 3, 3); where sensors locate them (c, 3) [m] and how surely along the tangents
+    (c, 2) [m], NaN where they do not.
+    """
+
+    pressing: Bool[np.ndarray, " c"]
+    unseen: Bool[np.ndarray, " c"]
+    places: Float[np.ndarray, "c 3 3"]
+    location_m: Float[np.ndarray, "c 3"]
+    sigma_m: Float[np.ndarray, "c 2"]
 
 
 class Placed(NamedTuple):
-    """Locations (c, 3) [m] of contacts, and the standard deviations (c, 2) [m] along their tangents; and the
-    variance (c,) [N²] that forces have besides, for presses elsewhere.
+    """Locations (c, 3) [m] of contacts, and the standard deviations (c, 2) [m] along their tangents; the
+    variance (c,) [N²] that forces have besides, for presses elsewhere; and whether these are as likely as to
+    be told, `ambiguous` (c,).
     """
 
     location_m: Float[np.ndarray, "c 3"]
     sigma_m: Float[np.ndarray, "c 2"]
     elsewhere_N2: Float[np.ndarray, " c"]
+    ambiguous: Bool[np.ndarray, " c"]
 
     @property
     def variance_m2(self) -> Float[np.ndarray, " 2c"]:
@@ -36,105 +54,119 @@ class Placed(NamedTuple):
         return np.nan_to_num(self.sigma_m.ravel()) ** 2
 
 
-def unseen(sensed: Sensed) -> Bool[np.ndarray, " c"]:
-    """Contacts (c,) that press, but are not seen anywhere."""
-    return np.asarray(sensed.pressing) & ~_all_known(sensed.location_m)
-
-
-def _all_known(numbers: Array | Float[np.ndarray, "c d"]) -> Bool[np.ndarray, " c"]:
-    return np.logical_not(np.isnan(np.asarray(numbers)).any(axis=1))
-
-
-def as_seen(sensed: Sensed) -> Placed:
-    """What the senses say alone."""
-    location = np.asarray(sensed.location_m)
-    return Placed(location, np.asarray(sensed.location_sigma_m), np.zeros(len(location)))
+def as_seen(seen: Seen) -> Placed:
+    """What the sensors say alone."""
+    count = len(seen.location_m)
+    return Placed(seen.location_m, seen.sigma_m, np.zeros(count), np.zeros(count, bool))
 
 
 class PlaceSearch:
-    """Follows the places of c contacts of a device within a workspace."""
+    """Follows the places of c contacts, each within a workspace, or where sensors see it where it has none.
+    """
 
-    def __init__(self, device: Model | Atlas, workspace: AbstractWorkspace, contacts: int):
+    def __init__(self, workspaces: Sequence[AbstractWorkspace | None]):
         """Begin with nothing sought."""
-        self._device, self._workspace, self._contacts = device, workspace, contacts
-        self._pattern: Future[ReadingPattern] | None = None
+        self._workspaces = tuple(workspaces)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
-        self._sought = SoughtPlaces.none(self._contacts)
+        count = len(self._workspaces)
+        self._sought = SoughtPlaces.none(count)
+        self._base: list[Float[np.ndarray, "3 3"] | None] = [None] * count
         self._fit: PatternFit | None = None
+        self._fitted = -1
 
     @property
     def sought(self) -> bool:
         """Whether readings tell a place in this frame."""
         return bool(self._sought.sought.any())
 
-    def prepare(self) -> Future[ReadingPattern]:
-        """What finds contacts that nothing sees; begun on a thread of its own, as it takes some seconds."""
-        if self._pattern is None:
-            thread = ThreadPoolExecutor(1)
-            self._pattern = thread.submit(ReadingPattern.of, self._device, self._workspace)
-            thread.shutdown(wait=False)
-        return self._pattern
-
-    def taken(self, sensed: Sensed) -> Float[np.ndarray, "c 3 3"]:
+    def taken(self, seen: Seen) -> Float[np.ndarray, "c 3 3"]:
         """Where contacts are taken to be (c, 3, 3)."""
-        return np.asarray(moved(np.asarray(sensed.places), self._sought.offset_m))
+        return moved(self._bases(seen), self._sought.offset_m)
+
+    def _bases(self, seen: Seen) -> Float[np.ndarray, "c 3 3"]:
+        places = np.array(seen.places)
+        for c, base in enumerate(self._base):
+            if base is not None:
+                places[c] = base
+        return places
 
     def seek(
         self,
-        sensed: Sensed,
+        seen: Seen,
         told: Bool[np.ndarray, " c"],
         force_N: Float[np.ndarray, " c"],
-        reading: Float[np.ndarray, " k"],
-        covariance: Float[np.ndarray, "k k"],
+        fit: PatternFit | None,
     ) -> bool:
-        """Another frame, in which readings (k,) of a covariance (k, k) tell places of the contacts (c,) that
-        are `told`, with forces (c,) N before. Whether one is begun anew, as if nothing had pressed.
+        """Another frame, in which readings tell places of the contacts (c,) that are `told`, with forces (c,)
+        N before; `fit`: how well presses all over explain what nothing else does. Whether one is begun anew,
+        as if nothing had pressed.
         """
         self._fit = None
+        for c in range(len(self._base)):
+            if not (seen.pressing[c] and seen.unseen[c]):
+                self._base[c] = None
         if not (self.sought or told.any()):
             return False
-        places, pressing = np.asarray(sensed.places), np.asarray(sensed.pressing)
-        seen, known = _all_known(sensed.location_m), _all_known(sensed.location_sigma_m)
-        sought = pressing & told & known
-        self._sought = self._sought.next(sought, seen, force_N, self._workspace.room(places))
-        # The pattern is that of one press in a workspace.
-        if pressing.sum() != 1 or not unseen(sensed).any():
+        known = ~np.isnan(seen.sigma_m).any(axis=1)
+        located = ~np.isnan(seen.location_m).any(axis=1)
+        sought = seen.pressing & told & known
+        self._sought = self._sought.next(sought, located, force_N, self._rooms(seen))
+        if fit is None:
             return False
-        contact = int(np.argmax(pressing))
-        self._fit = self.prepare().result().fitted(reading, covariance, np.asarray(sensed.valid))
-        better = self._fit.better(self.taken(sensed)[contact])
+        # The pattern is that of one press.
+        contact = int(np.argmax(seen.pressing & seen.unseen))
+        self._fit, self._fitted = fit, contact
+        base = self._base[contact]
+        better = fit.place[fit.best] if base is None else fit.better(self.taken(seen)[contact])
         if better is None:
             return False
-        self._sought = self._sought.begun_at(contact, offsets(places[contact], better[None])[0])
+        self._base[contact] = better
+        self._sought = self._sought.begun_at(contact, np.zeros(2))
         return True
 
-    def prior(self, sensed: Sensed) -> PlacePrior:
+    def prior(self, seen: Seen) -> PlacePrior:
         """What is known of the places before the readings."""
-        room = self._workspace.room(np.asarray(sensed.places))
-        return self._sought.prior(np.asarray(sensed.location_sigma_m), room)
+        return self._sought.prior(seen.sigma_m, self._rooms(seen))
 
     def found(
         self,
-        sensed: Sensed,
+        seen: Seen,
         offset_m: Float[np.ndarray, "c 2"],
         covariance_m2: Float[np.ndarray, "2c 2c"],
         force_N: Float[np.ndarray, " c"],
-    ) -> Placed:
-        """Where contacts are after a step that found offsets (c, 2) m of a covariance, and forces (c,) N."""
+    ) -> tuple[Placed, Float[np.ndarray, "c 3 3"]]:
+        """Where contacts are after a step that found offsets (c, 2) m of a covariance, and forces (c,) N; and
+        their places (c, 3, 3).
+        """
         self._sought = self._sought.found(offset_m)
+        taken = self.taken(seen)
+        for c, base in enumerate(self._base):
+            workspace = self._workspaces[c]
+            if base is not None and workspace is not None:
+                taken[c] = self._base[c] = workspace.landed(taken[c][None])[0]
+                self._sought = self._sought.rebased(c)
         sought, free = self._sought.sought[:, None], self._sought.free[:, None]
-        taken = self.taken(sensed)
-        location = np.where(sought, taken[:, 0], sensed.location_m)
+        location = np.where(sought, taken[:, 0], seen.location_m)
         told = np.sqrt(np.diag(covariance_m2)).reshape(-1, 2)
-        sigma = np.where(free, told, sensed.location_sigma_m)
-        elsewhere_N2 = np.zeros(self._contacts)
+        sigma = np.where(free, told, seen.sigma_m)
+        elsewhere_N2, ambiguous = np.zeros(len(location)), np.zeros(len(location), bool)
         if self._fit is not None:
-            contact = int(np.argmax(sensed.pressing))
-            other = self._fit.elsewhere(taken[contact], float(force_N[contact]))
-            here = (1 - other.share) * sigma[contact] ** 2
-            sigma[contact] = np.sqrt(here + other.share * other.place_m2)
-            elsewhere_N2[contact] = other.share * other.force_N2
-        return Placed(location, sigma, elsewhere_N2)
+            c = self._fitted
+            other = self._fit.elsewhere(taken[c], float(force_N[c]))
+            here = (1 - other.share) * sigma[c] ** 2
+            sigma[c] = np.sqrt(here + other.share * other.place_m2)
+            elsewhere_N2[c] = other.share * other.force_N2
+            ambiguous[c] = other.share > _OPEN
+        return Placed(location, sigma, elsewhere_N2, ambiguous), taken
+
+    def _rooms(self, seen: Seen) -> tuple[Float[np.ndarray, "c 2"], Float[np.ndarray, "c 2"]]:
+        """How far along their tangents the bases of places may move, at least and at most."""
+        low, high = np.full((2, len(self._workspaces), 2), np.inf)
+        low = -low
+        for c, (workspace, base) in enumerate(zip(self._workspaces, self._bases(seen), strict=True)):
+            if workspace is not None:
+                low[c], high[c] = (each[0] for each in workspace.room(base[None]))
+        return low, high

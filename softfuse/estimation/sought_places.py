@@ -56,6 +56,12 @@ class SoughtPlaces:
         offset[contact], free[contact] = offset_m, False
         return replace(self, offset_m=offset, free=free)
 
+    def rebased(self, contact: int) -> "SoughtPlaces":
+        """With one contact's place counted from where it is now."""
+        offset = self.offset_m.copy()
+        offset[contact] = 0.0
+        return replace(self, offset_m=offset)
+
     def prior(
         self,
         sigma_m: Float[np.ndarray, "c 2"],

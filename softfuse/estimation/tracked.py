@@ -7,23 +7,17 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from softfuse.sensors.reading_drift import ReadingDrift
-from softfuse.sensors.status import Status
 
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """One frame of readings: time [s] and groups of channels (n,) in the units of the device's senses.
+    """One frame of raw readings (n,) in the order of the robot's channels, commands last, at a time [s].
 
     NaN stands for what is missing.
     """
 
     time_s: float
-    readings: tuple[Float[np.ndarray, " n"], ...]
-
-
-def along(places: Float[np.ndarray, "c 3 3"], points: Float[np.ndarray, "c 3"]) -> Float[np.ndarray, " 2c"]:
-    """How far points (c, 3) m are along the tangents of places (c, 3, 3), one after the other (2 c,) [m]."""
-    return np.einsum("cti,ci->ct", places[:, 1:], points).ravel()
+    raw: Float[np.ndarray, " n"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +84,7 @@ class Tracked:
     misfit: Float[np.ndarray, " k"]
     evidence: Evidence | None
     details: Any
-    statuses: tuple[Status, ...]
+    statuses: tuple[str, ...]
     latency_s: float
 
     @property

@@ -1,38 +1,49 @@
-"""Sensor frames in, contacts, forces and shape out: a device's senses and the estimator, frame after frame.
+"""Sensor frames in, contacts, forces and shape out: a robot's sensors and the estimator, frame after frame.
 
-The senses decide what touches and where; each frame's readings drive one estimate step, in which only those
-contacts may press that are touched. While nothing touches a device to which nothing is attached, its body is
-taken to rest. What the model misses while nothing is near is taken off the readings of the touch that follows
-(`model_offset`). What cannot be trusted gets a status, and a number that would be a guess is NaN. Nothing
-here is threaded, but for compiling, or reads files; `hardware` does that.
+The sensors decide what touches and where; each frame's readings drive one estimate step, in which only those
+contacts may press that touch. What no sensor sees is told by readings that nothing else explains
+(`touch_by_readings`). While nothing touches a robot without actuators, its body is taken to rest. What the
+model misses while nothing is near is taken off the readings of the touch that follows (`model_offset`). What
+cannot be trusted gets a status, and a number that would be a guess is NaN. Nothing here is threaded, but for
+compiling, or reads files; `hardware` does that.
 """
 
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from softfuse.estimation.compiled_senses import CompiledSenses, Finding
-from softfuse.estimation.estimator import DEFAULT_STEPS, Estimate, Estimator, StepSettings
+from softfuse.errors import ConfigError
+from softfuse.estimation.bounds import limits_of, step_settings
+from softfuse.estimation.compiled_suite import CompiledSuite, Finding
+from softfuse.estimation.estimator import Estimate, Estimator
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.model_error import AS_DRAWN, ModelError, whitening
 from softfuse.estimation.model_offset import ModelOffset
-from softfuse.estimation.place_search import Placed, PlaceSearch, as_seen, unseen
+from softfuse.estimation.place_search import Placed, PlaceSearch, Seen, as_seen
+from softfuse.estimation.push_response import Patches, patches_at
+from softfuse.estimation.reading_pattern import PatternFit, pattern_fit
 from softfuse.estimation.reduced_estimator import ReducedEstimator
-from softfuse.estimation.step import Observation
+from softfuse.estimation.step import Observation as Aim
+from softfuse.estimation.touch_by_readings import TouchByReadings
 from softfuse.estimation.tracked import Evidence, Frame, Tracked, along
-from softfuse.functional.workspace import AbstractWorkspace
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
+from softfuse.robot.robot import Robot
 from softfuse.rom.atlas import Atlas
-from softfuse.sensors.senses import AbstractSenses, Sensed
 from softfuse.sensors.status import Status
+from softfuse.sensors.suite import Observation
 
 _AT_LEISURE_S = 2.0
 """After so long there is time to make ready what most touches do without."""
+_SIDE = 13
+"""Places along each side of a workspace that are compared with readings."""
+_POSTURE_CHANGED = 0.05
+"""Part of an actuator's range by which it may move before patterns are computed anew."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +65,19 @@ class _Estimated(NamedTuple):
 
     drive: Float[np.ndarray, " D"]
     covariance: Float[np.ndarray, "m m"]
-    places: np.ndarray
+    places: Float[np.ndarray, "c 3 3"]
     placed: Placed
     misfit: Float[np.ndarray, " k"]
     evidence: Evidence | None
-    doubts: list[Status]
+    doubts: list[str]
+
+
+class _Pattern(NamedTuple):
+    """Where presses are looked for: places (s, 3, 3), `pitch_m` (2,) apart, and what pushes there."""
+
+    places: Float[np.ndarray, "s 3 3"]
+    pitch_m: Float[np.ndarray, "2"]
+    patches: Patches
 
 
 def posterior_covariance(found: Estimate, limits: Limits) -> Float[np.ndarray, "DP DP"]:
@@ -81,66 +100,85 @@ def posterior_covariance(found: Estimate, limits: Limits) -> Float[np.ndarray, "
 
 
 class Tracker:
-    """Follows the contacts on a device through the frames of its sensors; compiled when made."""
+    """Follows the contacts on a robot through the frames of its sensors; compiled when made."""
 
     def __init__(
         self,
-        senses: AbstractSenses,
-        device: Model | Atlas,
-        limits: Limits,
+        robot: Robot,
+        model: Model | Atlas | None = None,
         settings: TrackerSettings = TrackerSettings(),
-        steps: StepSettings = DEFAULT_STEPS,
-        *,
-        workspace: AbstractWorkspace | None = None,
     ):
-        """Compile senses and estimate step, of the device or of its charts; readings tell the places of
-        contacts within a `workspace`, without one these are where they are seen.
+        """Compile sensors and estimate step, of the robot's model or of another, such as its reduced ones.
 
-        Raises SolveError when the body cannot be estimated or the limits do not fit, see `Estimator`; and
-        SoftfuseError for a chart that cannot be read.
+        Raises ConfigError when nothing tells of a contact, SolveError when the body cannot be estimated, and
+        SoftfuseError for a reduced model that cannot be read.
         """
-        self.settings = settings
+        self.robot, self.settings = robot, settings
+        model = robot.model if model is None else model
         started = time.perf_counter()
+        limits, steps = limits_of(robot), step_settings(robot)
+        count = len(robot.workspaces)
+        self._check()
+        # A frame of any place will do to compile for.
+        places = jnp.broadcast_to(jnp.asarray(_anywhere(robot)), (count, 3, 3))
+        known = all(workspace is None for workspace in robot.workspaces)
         with ThreadPoolExecutor(1) as aside:
-            self._senses = CompiledSenses(senses, aside)
-            places = self._senses.places
-            known = workspace is None
+            self._suite = CompiledSuite(robot.suite, aside)
             self.estimator: Estimator | ReducedEstimator
-            if isinstance(device, Atlas):
-                self.estimator = ReducedEstimator(device, limits, places, steps, places_known=known)
+            if isinstance(model, Atlas):
+                self.estimator = ReducedEstimator(model, limits, places, steps, places_known=known)
             else:
-                self.estimator = Estimator(device, limits, places, steps, places_known=known)
-        self._search = None if workspace is None else PlaceSearch(device, workspace, places.shape[0])
-        self._misses = self._search is not None and senses.misses
-        device = self.estimator.device
+                self.estimator = Estimator(model, limits, places, steps, places_known=known)
+        self._search = None if known else PlaceSearch(robot.workspaces)
+        self._misses = self._search is not None and (robot.suite.misses or robot.unseen.any())
+        self._pattern: Future[_Pattern] | None = None
         self.compile_s = time.perf_counter() - started
         self._limits, self._upper = limits, np.asarray(limits.upper)
-        self.adding = device.adding(places.shape[0])
-        self._split = self.adding.shape[1]
+        self._lower = np.asarray(limits.lower)
+        self.adding = self.estimator.device.adding(count)
         """(c, F): a contact's forces together, the sum over its drives, which are the first F."""
-        self.drift = senses.drift
+        self._split = self.adding.shape[1]
+        self.drift = robot.suite.drift
         """How readings drift while something presses; None where they do not."""
-        free = self._upper[self._split :] > np.asarray(limits.lower)[self._split :]
-        answered = device.answered
+        free = self._upper[self._split :] > self._lower[self._split :]
+        answered = self.estimator.device.answered
         self._strokes = np.flatnonzero((answered >= 0) & np.append(free, False)[answered])
+        self._commanded = np.array([command.drive for command in robot.commands], int) + self._split
+        self._of_answer = np.array([command.of_answer for command in robot.commands], bool)
+        self._factor = np.array([command.factor for command in robot.commands])
         self.reset()
+
+    def _check(self) -> None:
+        for name, slots in self.robot.addresses.slots.items():
+            if self.robot.unseen[slots].any() and self.robot.workspaces[slots.start] is None:
+                raise ConfigError(
+                    f'{self.robot.settings.path}: contact "{name}": no sensor sees it, and it has no surface '
+                    "on which readings could find it: add a sensor with this contact, or surface = {}"
+                )
 
     @property
     def drive_range(self) -> Float[np.ndarray, " D"]:
         """How far drives (D,) may go, in their units."""
-        return self._upper - np.asarray(self._limits.lower)
+        return self._upper - self._lower
 
     @property
     def state(self) -> State:
-        """The body and its loads after the last frame; `device.body.displacement(z)` is the shape."""
+        """The body and its loads after the last frame; `model.body.displacement(z)` is the shape."""
         return self.estimator.state
 
     def reset(self) -> None:
         """Forget the past: nothing has been read, nothing touches."""
-        self._senses.reset()
+        self._suite.reset()
         self._stroke, self._seen_s, self._begun_s = 0.0, -np.inf, np.inf
-        self._offset = ModelOffset.none(self.estimator.device.n_readings)
+        readings = self.estimator.device.n_readings
+        self._offset = ModelOffset.none(readings)
         self._force_N = np.zeros(len(self.adding))
+        self._unexplained = np.full(readings, np.nan)
+        self._uncertain = np.zeros((readings, readings))
+        self._slopes: Float[np.ndarray, "s k"] | None = None
+        self._slopes_at = np.zeros(len(self._upper) - self._split)
+        self._touch = TouchByReadings()
+        self._command = np.zeros(len(self._commanded))
         if self._search is not None:
             self._search.reset()
         self.estimator.reset()
@@ -152,39 +190,47 @@ class Tracker:
         return replace(found, latency_s=time.perf_counter() - started)
 
     def sense(self, frame: Frame) -> Finding:
-        """Advance the senses by one frame, without estimating: what it says, not yet read.
+        """Advance the sensors by one frame, without estimating: what it says, not yet read.
 
-        Senses integrate, average and debounce, so that they want every frame, also where forces and shape
+        Sensors integrate, average and debounce, so that they want every frame, also where forces and shape
         are estimated from fewer.
         """
-        return self._senses.update(frame.time_s, frame.readings)
+        raw = np.asarray(frame.raw)
+        if len(self._commanded):
+            raw, command = np.split(raw, [len(raw) - len(self._commanded)])
+            # One that is missing stays what it was.
+            self._command = np.where(np.isfinite(command), command * self._factor, self._command)
+        return self._suite.update(frame.time_s, raw)
 
     def estimate(self, time_s: float, finding: Finding) -> Tracked:
-        """Forces and shape from what the senses said last, at `time_s` [s]."""
+        """Forces and shape from what the sensors said last, at `time_s` [s]."""
         started = time.perf_counter()
-        sensed = finding.sensed
-        said = [status for status, true in sensed.flags.items() if true]
+        now = finding.observation
+        said: list[str] = [status for status, true in now.flags.items() if true]
+        seen = self._seen(now)
+        touching = np.asarray(now.touching) | (seen.pressing & seen.unseen)
         attached = len(self._upper) - self._split
-        found = self._nothing(sensed)
-        if not sensed.touching.any():
+        found = self._nothing(now, seen)
+        if not touching.any():
             said.insert(0, Status.no_contact)
-        if self._search is not None and self._misses:
+        if self._misses:
             self._begun_s = min(self._begun_s, time_s)
             if time_s - self._begun_s > _AT_LEISURE_S:
-                self._search.prepare()
-        if sensed.pressing.any() or attached:
-            found = self._estimate(sensed, time_s)
+                self._prepare()
+        if seen.pressing.any() or attached or self.robot.unseen.any():
+            found = self._estimate(now, seen, time_s)
             said += found.doubts
-        elif not sensed.touching.any():
+        elif not touching.any():
             self.estimator.reset()
         force = self.adding @ found.drive[: self._split]
         covariance = self.adding @ found.covariance[: self._split, : self._split] @ self.adding.T
         covariance = covariance + np.diag(found.placed.elsewhere_N2)
-        unknown = np.asarray(sensed.touching & ~sensed.pressing)
+        unknown = touching & ~seen.pressing
         self._force_N = np.nan_to_num(force)
+        self._follow_unseen(seen, covariance)
         return Tracked(
             time_s,
-            np.asarray(sensed.touching),
+            touching,
             found.placed.location_m,
             found.placed.sigma_m,
             np.where(unknown, np.nan, force),
@@ -192,52 +238,144 @@ class Tracker:
             found.places,
             found.covariance,
             found.drive[self._split :],
-            np.asarray(sensed.reading),
-            np.asarray(sensed.sigma),
+            np.asarray(now.reading),
+            np.asarray(now.sigma),
             found.misfit,
             found.evidence,
-            sensed.details,
+            now.details,
             tuple(said) or (Status.ok,),
             time.perf_counter() - started,
         )
 
-    def _estimate(self, sensed: Sensed, time_s: float) -> _Estimated:
-        clear, valid = bool(sensed.clear), np.asarray(sensed.valid)
-        reading = np.asarray(sensed.reading if clear else sensed.reading - self._offset.at(self._stroke))
-        allowed = np.ones(len(self._upper), bool)
-        allowed[: self._split] = self._of_contacts(np.asarray(sensed.pressing))
-        limits = self._limits._replace(upper=np.where(allowed, self._upper, 0.0))
-        search, places, prior = self._search, np.asarray(sensed.places), None
-        if search is not None and search.sought:
-            places = search.taken(sensed)
-        uncertain = self._model_error(sensed).covariance(
-            np.where(valid, reading, 0.0), np.asarray(sensed.sigma), places, self._force_N
+    def _seen(self, now: Observation) -> Seen:
+        """What is known of the contacts before the readings tell."""
+        pressing = np.array(now.pressing)
+        location, sigma = np.array(now.location_m), np.array(now.location_sigma_m)
+        unseen = pressing & np.isnan(location).any(axis=1)
+        if self._touch.touching:
+            pressing[self._by_readings] = unseen[self._by_readings] = True
+        for c in np.flatnonzero(unseen):
+            workspace = self.robot.workspaces[c]
+            if np.isnan(sigma[c]).any() and workspace is not None:
+                sigma[c] = workspace.extent_m
+        return Seen(pressing, unseen, np.array(now.places), location, sigma)
+
+    @property
+    def _by_readings(self) -> int:
+        """The contact that readings alone tell of."""
+        return int(np.argmax(self.robot.unseen))
+
+    def _follow_unseen(self, seen: Seen, covariance: Float[np.ndarray, "c c"]) -> None:
+        """Whether what readings alone tell of has begun or gone."""
+        if not self.robot.unseen.any():
+            return
+        c = self._by_readings
+        if self._touch.touching:
+            self._touch.ends(self._force_N[c], float(np.sqrt(covariance[c, c])))
+        elif not seen.pressing[c] and np.isfinite(self._unexplained).any():
+            self._touch.begins(self._fit())
+
+    def _fit(self) -> PatternFit:
+        """How well presses all over explain what nothing else did in the last frame."""
+        pattern = self._prepare().result()
+        attached = np.nan_to_num(np.asarray(self.state.drive)[self._split :])
+        room = np.maximum(self.drive_range[self._split :], np.finfo(float).tiny)
+        moved = np.abs(attached - self._slopes_at) > _POSTURE_CHANGED * room
+        pressed = bool(self._force_N.any())
+        if self._slopes is None or (not pressed and np.any(moved & (self.drive_range[self._split :] > 0))):
+            self._slopes = self.estimator.push_response(pattern.patches)
+            self._slopes_at = attached
+        valid = np.isfinite(self._unexplained)
+        return pattern_fit(
+            pattern.places, pattern.pitch_m, self._slopes, self._unexplained, self._uncertain, valid
         )
+
+    def _prepare(self) -> Future[_Pattern]:
+        """Where what nothing sees is looked for; begun on a thread of its own, as it takes some seconds."""
+        if self._pattern is None:
+            thread = ThreadPoolExecutor(1)
+            self._pattern = thread.submit(self._patterned)
+            thread.shutdown(wait=False)
+        return self._pattern
+
+    def _patterned(self) -> _Pattern:
+        robot = self.robot
+        flags = robot.unseen if robot.unseen.any() else [each is not None for each in robot.workspaces]
+        slot = int(np.argmax(flags))
+        workspace = robot.workspaces[slot]
+        assert workspace is not None  # `_check` has told
+        contact = next(
+            each
+            for each in robot.settings.contacts
+            if robot.addresses.slots[each.name].start <= slot < robot.addresses.slots[each.name].stop
+        )
+        places, pitch = workspace.grid(_SIDE)
+        faces = jnp.asarray(robot.parts.faces)
+        patches = patches_at(robot.model.body, faces, jnp.asarray(places), contact.radius)
+        return _Pattern(places, pitch, patches)
+
+    def _limits_now(self, pressing: Bool[np.ndarray, " c"]) -> Limits:
+        """The limits in a frame: only contacts that press have a force, what is commanded is known."""
+        lower, upper = self._lower.copy(), self._upper.copy()
+        upper[: self._split][~self._of_contacts(pressing)] = 0.0
+        limits = self._limits
+        by_drive = ~self._of_answer
+        at = self._commanded[by_drive]
+        lower[at] = upper[at] = self._command[by_drive]
+        if limits.strokes is not None:
+            low, high = (np.array(each) for each in limits.strokes)
+            at = self._commanded[self._of_answer]
+            low[at] = high[at] = self._command[self._of_answer]
+            limits = limits._replace(strokes=(low, high))
+        return limits._replace(lower=lower, upper=upper)
+
+    def _estimate(self, now: Observation, seen: Seen, time_s: float) -> _Estimated:
+        clear, valid = bool(now.clear) and not self._touch.touching, np.asarray(now.valid)
+        # What is taken for a model's error where no sensor sees contacts may be a contact.
+        learns = clear and not self.robot.unseen.any()
+        reading = np.asarray(now.reading if learns else now.reading - self._offset.at(self._stroke))
+        limits = self._limits_now(seen.pressing)
+        allowed = np.asarray(limits.upper) > 0
+        search, places, prior = self._search, seen.places, None
+        if search is not None and search.sought:
+            places = search.taken(seen)
+        uncertain = self._model_error(seen).covariance(
+            np.where(valid, reading, 0.0), np.asarray(now.sigma), places, self._force_N
+        )
+        self._uncertain = uncertain
         if search is not None:
-            if search.seek(sensed, self._told(sensed), self._force_N, reading, uncertain):
+            lone = seen.pressing.sum() == 1 and bool((seen.pressing & seen.unseen).any())
+            if lone and not np.isfinite(self._unexplained).any():
+                self._unexplained = np.where(valid, reading, np.nan)
+            fit = self._fit() if lone else None
+            if search.seek(seen, self._told(seen), self._force_N, fit) and not len(self._slopes_at):
                 self.estimator.reset()
             if search.sought:
-                places, prior = search.taken(sensed), search.prior(sensed)
-        seen = Observation.on_host(reading, whitening(uncertain, valid), places, prior)
-        found = self.estimator.update(seen, limits)
+                places, prior = search.taken(seen), search.prior(seen)
+        aim = Aim.on_host(reading, whitening(uncertain, valid), places, prior)
+        found = self.estimator.update(aim, limits)
         if found.lost:
             if search is not None:
                 search.reset()
+            self._touch.reset()
+            self._unexplained[:] = np.nan
             unknown = allowed & (np.arange(len(allowed)) < self._split)
             drive = np.where(unknown, np.nan, np.where(allowed, found.drive, 0.0))
             nothing = np.where(unknown[:, None] | unknown, np.nan, 0.0)
-            lost = self._nothing(sensed)
+            lost = self._nothing(now, seen)
             return lost._replace(drive=drive, covariance=nothing, evidence=None, doubts=[Status.inverted])
         self._stroke = float(np.linalg.norm((reading - found.misfit)[self._strokes]))
+        pushed = np.asarray(found.report.compliance)[:, : self._split] @ found.drive[: self._split]
+        self._unexplained = np.where(valid, found.misfit + pushed, np.nan)
         elapsed = time_s - self._seen_s
         if elapsed > 0:  # not where the time is missing or does not increase
             self._seen_s = time_s
-            if clear and not float(found.report.taken) < 1.0:
+            if learns and not float(found.report.taken) < 1.0:
                 share = float(-np.expm1(-elapsed / self.settings.offset_s))
                 self._offset = self._offset.learned(found.misfit, valid, self._stroke, share)
         misfit = np.where(valid, found.misfit, np.nan)
-        doubts = self._doubts(sensed, np.sqrt(np.diag(uncertain)), found, misfit)
-        covariance, placed = posterior_covariance(found, limits), as_seen(sensed)
+        doubts = self._doubts(now, seen, np.sqrt(np.diag(uncertain)), found, misfit)
+        covariance, placed = posterior_covariance(found, limits), as_seen(seen)
         drives = len(self._upper)
         if search is not None and prior is not None:
             spread = np.asarray(prior.spread)
@@ -246,8 +384,9 @@ class Tracker:
             covariance = scale @ covariance @ scale.T
             force = self.adding @ found.drive[: self._split]
             told = covariance[drives:, drives:]
-            placed = search.found(sensed, np.asarray(found.report.offset), told, force)
-            places = search.taken(sensed)
+            placed, places = search.found(seen, np.asarray(found.report.offset), told, force)
+            if placed.ambiguous.any():
+                doubts.append(Status.ambiguous)
         if search is not None:
             # Places that the readings did not tell are as sure as they were seen.
             told = np.diagonal(covariance)[drives:]
@@ -255,47 +394,47 @@ class Tracker:
             at = drives + np.flatnonzero(unmoved)
             covariance[at, at] = placed.variance_m2[unmoved]
         evidence = None
-        if sensed.drift is not None and not unseen(sensed).any():
+        if now.drift is not None and not seen.unseen.any():
             lasting = self.settings.model_error.lasting(
-                np.where(valid, reading, 0.0), np.asarray(sensed.sigma), places, self._force_N
+                np.where(valid, reading, 0.0), np.asarray(now.sigma), places, self._force_N
             )
             acting = np.asarray(limits.upper > limits.lower)
-            compliance = np.asarray(found.report.compliance)
             evidence = Evidence(
                 misfit,
                 found.drive,
-                compliance,
+                np.asarray(found.report.compliance),
                 along(places, places[:, 0]),
                 np.asarray(found.report.by_place),
-                along(places, np.asarray(sensed.location_m)),
-                np.asarray(sensed.location_sigma_m).ravel(),
+                along(places, seen.location_m),
+                seen.sigma_m.ravel(),
                 acting,
                 lasting,
-                sensed.drift,
+                now.drift,
             )
         return _Estimated(found.drive, covariance, places, placed, misfit, evidence, doubts)
 
-    def _nothing(self, sensed: Sensed) -> _Estimated:
+    def _nothing(self, now: Observation, seen: Seen) -> _Estimated:
         """Nothing that presses."""
         drives = len(self._upper)
-        unexplained = np.full(np.shape(sensed.reading), np.nan)
-        places, still = np.asarray(sensed.places), np.zeros((drives, drives))
+        unexplained = np.full(np.shape(now.reading), np.nan)
         evidence = None
-        if sensed.drift is not None:
-            reading = np.where(sensed.valid, sensed.reading, np.nan)
-            evidence = Evidence.of_rest(reading, drives, len(places), sensed.drift)
-        return _Estimated(np.zeros(drives), still, places, as_seen(sensed), unexplained, evidence, [])
+        if now.drift is not None:
+            reading = np.where(now.valid, now.reading, np.nan)
+            evidence = Evidence.of_rest(reading, drives, len(seen.places), now.drift)
+        still = np.zeros((drives, drives))
+        return _Estimated(np.zeros(drives), still, seen.places, as_seen(seen), unexplained, evidence, [])
 
-    def _model_error(self, sensed: Sensed) -> ModelError:
+    def _model_error(self, seen: Seen) -> ModelError:
         """By how much the model may be wrong; where only readings tell of a contact, never by nothing."""
         given = self.settings.model_error
-        return AS_DRAWN if given.part == 0 and self._search and unseen(sensed).any() else given
+        alone = seen.unseen.any() or self.robot.unseen.any()
+        return AS_DRAWN if given.part == 0 and self._search and alone else given
 
-    def _told(self, sensed: Sensed) -> Bool[np.ndarray, " c"]:
+    def _told(self, seen: Seen) -> Bool[np.ndarray, " c"]:
         """Contacts (c,) whose places readings tell: of a model about whose errors nothing is known, only of
         those that nothing else sees.
         """
-        return unseen(sensed) | (self.settings.model_error.part > 0)
+        return seen.unseen | (self.settings.model_error.part > 0)
 
     def _of_contacts(self, flags: Bool[np.ndarray, " c"]) -> Bool[np.ndarray, " d"]:
         """A flag of each contact for each of its drives (d,)."""
@@ -303,35 +442,45 @@ class Tracker:
 
     def _doubts(
         self,
-        sensed: Sensed,
+        now: Observation,
+        seen: Seen,
         sigma: Float[np.ndarray, " k"],
         found: Estimate,
         misfit: Float[np.ndarray, " k"],
-    ) -> list[Status]:
-        doubts = []
+    ) -> list[str]:
+        doubts: list[str] = []
         # The cells' forces add up to the limit only up to rounding.
         at_limit = found.drive[: self._split] >= self._upper[: self._split] * (1 - 1e-9)
-        if np.any(at_limit & self._of_contacts(np.asarray(sensed.pressing))):
+        if np.any(at_limit & self._of_contacts(seen.pressing)):
             doubts.append(Status.force_limit)
         if found.corrected:
             doubts.append(Status.corrected)
         if float(found.report.taken) < 1.0:
             doubts.append(Status.lagging)
-        if _poor(sensed, sigma, misfit, self.settings.poor_fit):
+        if _poor(now, sigma, misfit, self.settings.poor_fit):
             doubts.append(Status.poor_fit)
         if not float(found.report.kkt) <= 1e-6:
             doubts.append(Status.not_optimal)
         return doubts
 
 
+def _anywhere(robot: Robot) -> Float[np.ndarray, "3 3"]:
+    """Some place of the surface."""
+    for workspace in robot.workspaces:
+        if workspace is not None:
+            return workspace.grid(2)[0][0]
+    node = np.asarray(robot.model.body.rest)[np.asarray(robot.parts.faces)[0, 0]]
+    return np.stack([node, np.eye(3)[0], np.eye(3)[1]])
+
+
 def _poor(
-    sensed: Sensed, sigma: Float[np.ndarray, " k"], misfit: Float[np.ndarray, " k"], part: float
+    now: Observation, sigma: Float[np.ndarray, " k"], misfit: Float[np.ndarray, " k"], part: float
 ) -> bool:
     """Whether some misfit is beyond both what it may be, and a part of the largest reading, in standard
     deviations.
     """
-    if not sensed.valid.any():
+    if not now.valid.any():
         return False
-    size = np.where(sensed.valid, np.abs(sensed.reading) / sigma, 0.0)
-    missing = np.where(sensed.valid, np.abs(misfit) / sigma, 0.0)
+    size = np.where(now.valid, np.abs(now.reading) / sigma, 0.0)
+    missing = np.where(now.valid, np.abs(misfit) / sigma, 0.0)
     return bool(missing.max() > max(part * size.max(), 5.0))

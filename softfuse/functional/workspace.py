@@ -1,13 +1,22 @@
 """Where the middle of a contact may be: a part of the surface, with places to look at all over it."""
 
 from abc import abstractmethod
+from collections.abc import Callable
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
+from softfuse.errors import MeshError
 from softfuse.functional.chart import FlatChart
+from softfuse.mesh.nearest import nearest_on_triangles
+
+Within = Callable[[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]
+"""Which points (n, 3) m of a surface with outward unit normals (n, 3) are meant."""
+
+_CANDIDATES = 40
+"""Points that are drawn for each place of a surface, of which those far apart are kept."""
 
 
 class AbstractWorkspace(eqx.Module):
@@ -21,9 +30,18 @@ class AbstractWorkspace(eqx.Module):
 
     @abstractmethod
     def grid(self, side: int) -> tuple[Float[np.ndarray, "s 3 3"], Float[np.ndarray, "2"]]:
-        """Places (s, 3, 3) all over it, some `side` along its length and as many along its width, and how far
-        apart they are along their tangents (2,) [m].
+        """Places (s, 3, 3) all over it, `side` squared of them where it has sides, and how far apart they are
+        along their tangents (2,) [m].
         """
+
+    @property
+    @abstractmethod
+    def extent_m(self) -> Float[np.ndarray, "2"]:
+        """The standard deviation (2,) [m] of a place along its tangents that may be anywhere."""
+
+    @abstractmethod
+    def landed(self, places: Float[np.ndarray, "c 3 3"]) -> Float[np.ndarray, "c 3 3"]:
+        """Places (c, 3, 3) that have moved along their tangents, back on the surface, with its tangents."""
 
 
 class FlatWorkspace(AbstractWorkspace):
@@ -46,3 +64,108 @@ class FlatWorkspace(AbstractWorkspace):
         x, y = np.meshgrid(*np.linspace(self.low, self.high, side).T, indexing="ij")
         pitch = (self.high - self.low) / (side - 1)
         return np.asarray(self.chart.place(jnp.stack([x.ravel(), y.ravel()], axis=1))), pitch
+
+    @property
+    def extent_m(self):
+        """That of an even spread over the rectangle."""
+        return (self.high - self.low) / np.sqrt(12.0)
+
+    def landed(self, places):
+        """Where they are."""
+        return places
+
+
+class SurfaceWorkspace(AbstractWorkspace):
+    """A part of a triangulated surface: places (s, 3, 3) some `spacing` [m] apart all over it.
+
+    `corners` (f, 3, 3) m of its triangles and unit normals (f, 3, 3) at these, which vary from one to the
+    next as those of the smooth surface that they stand for do.
+    """
+
+    corners: Float[np.ndarray, "f 3 3"]
+    normals: Float[np.ndarray, "f 3 3"]
+    places: Float[np.ndarray, "s 3 3"]
+    spacing: float
+
+    @classmethod
+    def over(
+        cls,
+        rest: Float[np.ndarray, "k 3"],
+        faces: Int[np.ndarray, "f c"],
+        within: Within,
+        spacing: float,
+    ) -> "SurfaceWorkspace":
+        """Of the part of outward faces (f, 3 or 6) of nodes at `rest` (k, 3) m whose points are meant.
+
+        Raises MeshError when no point is.
+        """
+        triangles = np.asarray(faces)[:, :3]
+        corners = np.asarray(rest)[triangles]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = 0.5 * np.linalg.norm(across, axis=1)
+        smooth = np.zeros_like(np.asarray(rest))
+        for k in range(3):
+            np.add.at(smooth, triangles[:, k], across)
+        smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), np.finfo(float).tiny)
+        normals = smooth[triangles]
+        # The same places whenever the same surface is looked at.
+        random = np.random.default_rng(0)
+        count = max(_CANDIDATES, int(_CANDIDATES * area.sum() / spacing**2))
+        face = random.choice(len(area), count, p=area / area.sum())
+        share = random.dirichlet(np.ones(3), count)
+        points, facing = (np.einsum("nk,nki->ni", share, each[face]) for each in (corners, normals))
+        facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+        kept = within(points, facing)
+        if not kept.any():
+            raise MeshError("no part of the outer surface is in these ranges: widen them")
+        points, facing = points[kept], facing[kept]
+        chosen = _spread_out(points, spacing)
+        places = framed(points[chosen], facing[chosen])
+        return cls(corners, normals, places, float(spacing))
+
+    def room(self, places):
+        """A spacing to each side: then it is looked at anew."""
+        reach = np.full((len(places), 2), self.spacing)
+        return -reach, reach
+
+    def grid(self, side):
+        """Its places."""
+        del side
+        return self.places, np.full(2, self.spacing)
+
+    @property
+    def extent_m(self):
+        """That of its places, the same to both sides."""
+        apart = self.places[:, 0] - self.places[:, 0].mean(axis=0)
+        return np.full(2, np.sqrt(np.mean(np.sum(apart**2, axis=1)) / 2))
+
+    def landed(self, places):
+        """The nearest points of the surface."""
+        found = nearest_on_triangles(places[:, 0], self.corners)
+        points, facing = (
+            np.einsum("nk,nki->ni", found.barycentric, each[found.triangle])
+            for each in (self.corners, self.normals)
+        )
+        return framed(points, facing / np.linalg.norm(facing, axis=1, keepdims=True))
+
+
+def framed(points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
+    """Places (n, 3, 3) at points (n, 3) m with outward unit normals (n, 3), the first tangent across that of
+    x, y, z which is most across the normal.
+    """
+    axis = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    u = axis - normals * np.sum(axis * normals, axis=1, keepdims=True)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    return np.stack([points, u, np.cross(normals, u)], axis=1)
+
+
+def _spread_out(points: Float[np.ndarray, "n 3"], spacing: float) -> Int[np.ndarray, " s"]:
+    """Numbers (s,) of points (n, 3) m, each the furthest from those before, until all are within a spacing of
+    one.
+    """
+    chosen = [0]
+    away = np.linalg.norm(points - points[0], axis=1)
+    while away.max() > spacing:
+        chosen.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return np.array(chosen)

@@ -1,0 +1,61 @@
+"""What the estimate of a robot may be: bounds of forces and actuators, and how its steps are damped."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from softfuse.estimation.estimator import StepSettings
+from softfuse.estimation.limits import Limits
+from softfuse.robot.contacts import PatchSettings
+from softfuse.robot.robot import Robot
+
+_KILOPASCAL = 1e3
+"""Counts as a newton in the damping of pressures."""
+_GAS = 1e-3
+"""Of the atmosphere: counts as a newton in the damping of sealed gas."""
+
+
+def limits_of(robot: Robot) -> Limits:
+    """Bounds and regularisation of the forces of all contacts, then of the actuators' drives.
+
+    Forces lie between 0 and max_force, tensions between 0 and max_tension, driven pressures within their
+    range; the gas that was sealed in stays.
+    """
+    settings = robot.settings
+    damping = settings.estimator.regularisation
+    bounds = []
+    for contact in settings.contacts:
+        bounds += [(0.0, contact.max_force, damping)] * (contact.forces * contact.at_once)
+    drives = [(0.0, 0.0, damping)] * len(robot.addresses.drives)
+    for cable in settings.cables:
+        drives[robot.addresses.drives[cable.name]] = 0.0, cable.max_tension, damping
+    atmosphere = settings.environment.atmosphere
+    for chamber in settings.chambers:
+        if chamber.gas == "sealed":
+            told = atmosphere, atmosphere, damping / (_GAS * atmosphere) ** 2
+            drives[robot.addresses.drives[chamber.name]] = told
+        elif chamber.gas == "driven":
+            assert chamber.highest is not None  # its settings have told
+            told = chamber.lowest, chamber.highest, damping / _KILOPASCAL**2
+            drives[robot.addresses.drives[chamber.name]] = told
+    lower, upper, regularisation = (np.array(each, float) for each in zip(*bounds, *drives, strict=True))
+    motion = settings.estimator.largest_motion
+    sigma = [each.place_sigma for each in settings.contacts if isinstance(each, PatchSettings) and each.span]
+    place = sigma[0] if sigma else None
+    strokes = None
+    if any(command.of_answer for command in robot.commands):
+        endless = jnp.full(len(lower), jnp.inf)
+        strokes = -endless, endless
+    return Limits(
+        jnp.asarray(lower),
+        jnp.asarray(upper),
+        jnp.asarray(regularisation),
+        strokes=strokes,
+        motion=None if motion is None else jnp.asarray(motion),
+        place=None if place is None else jnp.asarray(place),
+    )
+
+
+def step_settings(robot: Robot) -> StepSettings:
+    """How the estimate steps are run."""
+    given = robot.settings.estimator
+    return StepSettings(steps_per_frame=given.steps_per_frame, catch_up_steps=given.catch_up_steps)

@@ -1,0 +1,228 @@
+"""A robot built from its settings: mesh, mechanical model and sensors, and where everything with a name is.
+
+Drives are ordered contacts first, then cables, sealed chambers, driven chambers, each in the order of the
+file; readings are those of the sensors in their order. `Addresses` says which number is whose: nothing else
+counts them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from softfuse.body.body import Body
+from softfuse.body.element import ELEMENTS
+from softfuse.body.stiffness_field import with_field
+from softfuse.config.build_material import materials_of
+from softfuse.config.build_mesh import DeviceMesh, build_mesh
+from softfuse.errors import ConfigError
+from softfuse.functional.cavity import Cavity
+from softfuse.functional.workspace import AbstractWorkspace
+from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.load import AbstractLoad
+from softfuse.mechanics.model import Model
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.prescribed import PrescribedForce
+from softfuse.mechanics.reading import AbstractReading
+from softfuse.mechanics.volume import VolumePorts
+from softfuse.mesh.surface import outer_surface
+from softfuse.robot.settings import RobotSettings
+from softfuse.sensors.base import AbstractContactSensor, AbstractSensor
+from softfuse.sensors.parts import CablePart, ChamberPart, ContactPart, Parts
+from softfuse.sensors.suite import SensorSuite
+
+_KILOPASCAL = 1e3
+"""Typical size of a driven pressure."""
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """Numbers by name: `drives`, of each cable and chamber that is not vented, among the actuators' drives;
+    `readings`, of each sensor, among all readings; `slots`, of each contact, among those followed at once.
+    """
+
+    drives: Mapping[str, int]
+    readings: Mapping[str, slice]
+    slots: Mapping[str, slice]
+
+
+@dataclass(frozen=True)
+class Command:
+    """A column's value times `factor` [SI] is what drive number `drive` of the actuators is commanded to, or,
+    `of_answer`, what answers it.
+    """
+
+    channel: str
+    factor: float
+    drive: int
+    of_answer: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A robot: its settings, mesh, model, sensors, and what these may be attached to; `workspaces`: where
+    readings may find the contacts of each slot (c,), None where sensors alone say.
+    """
+
+    settings: RobotSettings
+    mesh: DeviceMesh
+    parts: Parts
+    model: Model
+    suite: SensorSuite
+    addresses: Addresses
+    commands: tuple[Command, ...]
+    workspaces: tuple[AbstractWorkspace | None, ...]
+
+    @property
+    def name(self) -> str:
+        """What people call it."""
+        return self.settings.robot.name
+
+    @property
+    def unseen(self) -> Bool[np.ndarray, " c"]:
+        """Which contacts (c,) no sensor sees, so that readings alone tell of them."""
+        seen = {sensor.contact for sensor in self.suite.contact_sensors}
+        flags = np.ones(len(self.workspaces), bool)
+        for name, slots in self.addresses.slots.items():
+            flags[slots] = name not in seen
+        return flags
+
+
+def build_robot(settings: RobotSettings, mesh: DeviceMesh | None = None) -> Robot:
+    """The robot of its settings, on its own mesh or one that was built before.
+
+    Raises ConfigError with the key's path where parts do not go together, MeshError when the mesh is not fit
+    for it.
+    """
+    mesh = build_mesh(settings) if mesh is None else mesh
+    body = _body(settings, mesh)
+    faces = outer_surface(mesh.mesh).faces
+    cavities = {
+        chamber.name: Cavity(jnp.asarray(wall.faces))
+        for chamber, wall in zip(settings.chambers, mesh.cavities, strict=True)
+    }
+    actuators, drives = _actuators(settings, body, cavities)
+    parts = Parts(
+        body,
+        faces,
+        chambers={
+            chamber.name: ChamberPart(
+                cavities[chamber.name],
+                drives.get(chamber.name),
+                chamber.gas == "sealed",
+                settings.environment.atmosphere,
+                float(cavities[chamber.name](body.rest)),
+                chamber.dead_volume,
+                chamber.exponent,
+            )
+            for chamber in settings.chambers
+        },
+        cables={cable.name: CablePart(drives[cable.name]) for cable in settings.cables},
+        contacts={
+            contact.name: ContactPart(contact.chart(), contact.radius, contact.at_once, *contact.ranges)
+            for contact in settings.contacts
+        },
+        points={point.name: np.array(point.at) for point in settings.points},
+        gravity=settings.environment.gravity,
+        atmosphere=settings.environment.atmosphere,
+    )
+    suite, readings, numbers = _sensors(settings, parts)
+    rest = mesh.mesh.nodes
+    slots, kinds, workspaces = _slots(settings, rest, faces)
+    contacts = tuple(contact.contact(faces, rest) for contact in settings.contacts)
+    model = Model(body, readings, contacts, Multifrontal.plan(body), actuators, kinds)
+    addresses = Addresses(drives, numbers, slots)
+    return Robot(settings, mesh, parts, model, suite, addresses, _commands(settings, drives), workspaces)
+
+
+def _body(settings: RobotSettings, mesh: DeviceMesh) -> Body:
+    body = Body.from_mesh(
+        mesh.mesh,
+        materials_of(settings.body),
+        mesh.fixed,
+        element=ELEMENTS[settings.body.element],
+        densities=[material.density for material in settings.body.materials],
+        gravity=settings.environment.gravity,
+    )
+    if settings.body.stiffness_field.some:
+        body = with_field(body, jnp.array(settings.body.stiffness_field.coefficients))
+    return body
+
+
+def _actuators(
+    settings: RobotSettings, body: Body, cavities: Mapping[str, Cavity]
+) -> tuple[tuple[AbstractLoad, ...], dict[str, int]]:
+    """The loads of cables, of sealed gas and of driven chambers, and the number of each drive."""
+    loads: list[AbstractLoad] = []
+    drives: dict[str, int] = {}
+    for k, cable in enumerate(settings.cables):
+        with settings.told(f"cable[{k}].guides"):
+            loads.append(cable.load(body))
+        drives[cable.name] = len(drives)
+    atmosphere = settings.environment.atmosphere
+    for exponent in sorted({chamber.exponent for chamber in settings.chambers if chamber.gas == "sealed"}):
+        alike = [each for each in settings.chambers if each.gas == "sealed" and each.exponent == exponent]
+        walls = tuple(cavities[chamber.name] for chamber in alike)
+        dead = jnp.array([chamber.dead_volume for chamber in alike])
+        with settings.told("chamber"):
+            loads.append(SealedGas.of(walls, body, dead, atmosphere=atmosphere, exponent=exponent))
+        drives |= {chamber.name: len(drives) + k for k, chamber in enumerate(alike)}
+    driven = [chamber for chamber in settings.chambers if chamber.gas == "driven"]
+    if driven:
+        with settings.told("chamber"):
+            ports = VolumePorts.of(tuple(cavities[chamber.name] for chamber in driven), body)
+        loads.append(PrescribedForce.on(ports, body, jnp.full(len(driven), _KILOPASCAL)))
+        drives |= {chamber.name: len(drives) + k for k, chamber in enumerate(driven)}
+    return tuple(loads), drives
+
+
+def _sensors(
+    settings: RobotSettings, parts: Parts
+) -> tuple[SensorSuite, tuple[AbstractReading, ...], dict[str, slice]]:
+    """All sensors, what they measure, and which readings are whose."""
+    sensors: list[AbstractSensor | AbstractContactSensor] = []
+    readings: list[AbstractReading] = []
+    numbers: dict[str, slice] = {}
+    first = 0
+    for k, each in enumerate(settings.sensors):
+        with settings.told(f"sensor[{k}]"):
+            sensors.append(each.sensor(parts))
+            reading = each.functional(parts)
+        if reading is not None:
+            readings.append(reading)
+            numbers[each.name] = slice(first, first + reading.count)
+            first += reading.count
+    return SensorSuite.of(sensors, parts), tuple(readings), numbers
+
+
+def _slots(
+    settings: RobotSettings, rest: Float[np.ndarray, "k 3"], faces: np.ndarray
+) -> tuple[dict[str, slice], tuple[int, ...], tuple[AbstractWorkspace | None, ...]]:
+    """Which slots each contact has, of which contact each slot is, and where readings may find it."""
+    slots: dict[str, slice] = {}
+    kinds: list[int] = []
+    workspaces: list[AbstractWorkspace | None] = []
+    for k, contact in enumerate(settings.contacts):
+        with settings.told(f"contact[{k}].surface"):
+            workspace = contact.workspace(faces, rest)
+        slots[contact.name] = slice(len(kinds), len(kinds) + contact.at_once)
+        kinds += [k] * contact.at_once
+        workspaces += [workspace] * contact.at_once
+    return slots, tuple(kinds), tuple(workspaces)
+
+
+def _commands(settings: RobotSettings, drives: Mapping[str, int]) -> tuple[Command, ...]:
+    commands = []
+    for part in (*settings.cables, *settings.chambers):
+        if part.command is not None:
+            given, drive = part.command, drives[part.name]
+            commands.append(Command(given.channel, given.factor, drive, given.of == "length"))
+    return tuple(commands)
+
+
+def require_sensors(settings: RobotSettings) -> None:
+    """Raise ConfigError for a robot without sensors."""
+    if not settings.sensors:
+        raise ConfigError(f"{settings.path}: sensor: missing, needed to estimate from a recording")

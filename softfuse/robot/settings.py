@@ -1,0 +1,94 @@
+"""A robot as a TOML file describes it: body, actuators, contacts, sensors and what is around it."""
+
+from collections.abc import Sequence
+from typing import Annotated, Self
+
+from annotated_types import Ge
+from pydantic import Field, model_validator
+
+from softfuse.config.attached import CentrelineSettings, PointSettings
+from softfuse.config.body import BodySettings
+from softfuse.config.calibration import CalibrationSettings
+from softfuse.config.device import NameSettings
+from softfuse.config.reduction import ReductionSettings
+from softfuse.config.source import AnySource, check_sources
+from softfuse.io.quantity import Integer, Number, PositiveInteger, PositiveLength, PositiveNumber, wrong_value
+from softfuse.io.settings import ExistingFile, FileSettings, Settings
+from softfuse.robot.actuators import CableSettings, ChamberSettings, EnvironmentSettings
+from softfuse.robot.contacts import AnyContact
+from softfuse.sensors.registry import AnySensor
+
+
+class EstimatorSettings(Settings):
+    """Estimate step: linearisations per frame, ε [1/N²] of ε‖ΔF‖² in the cost, doubted misfit, longest step.
+
+    model_error: part of a reading by which the model may be wrong; reading_spread: file of how uncertain
+    readings are by parameters and places; a calibration finds both; poor_fit: a largest misfit above this
+    part of the largest reading is flagged; largest_motion in m: a step that would move a node further is
+    shortened, None for any; catch_up_steps: further ones in the same frame at most, while they have to be
+    shortened.
+    """
+
+    steps_per_frame: PositiveInteger = 1
+    regularisation: Annotated[Number, Ge(0)] = 1e-6
+    model_error: Annotated[Number, Ge(0)] = 0.0
+    reading_spread: ExistingFile | None = None
+    poor_fit: PositiveNumber = 0.25
+    largest_motion: PositiveLength | None = None
+    catch_up_steps: Annotated[Integer, Ge(0)] = 0
+
+
+class RobotSettings(FileSettings):
+    """A validated robot, in SI; all but its name and body is only needed by what uses it."""
+
+    robot: NameSettings
+    body: BodySettings
+    environment: EnvironmentSettings = EnvironmentSettings()
+    chambers: tuple[ChamberSettings, ...] = Field(default=(), alias="chamber")
+    cables: tuple[CableSettings, ...] = Field(default=(), alias="cable")
+    contacts: tuple[AnyContact, ...] = Field(default=(), alias="contact")
+    sensors: tuple[AnySensor, ...] = Field(default=(), alias="sensor")
+    points: tuple[PointSettings, ...] = Field(default=(), alias="point")
+    centreline: CentrelineSettings | None = None
+    sources: tuple[AnySource, ...] = Field(default=(), alias="source")
+    estimator: EstimatorSettings = EstimatorSettings()
+    reduction: ReductionSettings = ReductionSettings()
+    calibration: CalibrationSettings = CalibrationSettings()
+
+    @property
+    def commands(self) -> tuple[str, ...]:
+        """The columns of a recording that hold what actuators are commanded to."""
+        each = (part.command for part in (*self.cables, *self.chambers))
+        return tuple(command.channel for command in each if command is not None)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The columns that a recording must have, time apart: those of the sensors, then commands."""
+        return (*(name for sensor in self.sensors for name in sensor.columns), *self.commands)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        named = {
+            "chamber": self.chambers,
+            "cable": self.cables,
+            "contact": self.contacts,
+            "sensor": self.sensors,
+            "point": self.points,
+        }
+        for key, parts in named.items():
+            _check_names(key, [part.name for part in parts])
+        channels = self.channels
+        twice = {name for name in channels if channels.count(name) > 1}
+        if twice:
+            raise wrong_value(f'"{min(twice)}" is the column of two sensors or commands: give each its own')
+        self.body.source.check_cavities([chamber.centre for chamber in self.chambers])
+        check_sources(self.sources)
+        return self
+
+
+def _check_names(key: str, names: Sequence[str]) -> None:
+    for k, name in enumerate(names):
+        if name in names[:k]:
+            raise wrong_value(
+                f'the name "{name}" is taken by {key}[{names.index(name)}]', key=f"{key}[{k}].name"
+            )
