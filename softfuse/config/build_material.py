@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from softfuse.config.body import BodySettings
 from softfuse.config.device import DeviceConfig
 from softfuse.config.material import (
     CorotationalSettings,
@@ -25,7 +26,12 @@ from softfuse.material import (
 
 def build_materials(config: DeviceConfig) -> tuple[AbstractMaterial, ...]:
     """The materials of the regions 0, 1 ... of the body."""
-    return tuple(_law(settings) for settings in config.body.materials)
+    return materials_of(config.body)
+
+
+def materials_of(body: BodySettings) -> tuple[AbstractMaterial, ...]:
+    """The materials of the regions 0, 1 ... of a body."""
+    return tuple(_law(settings) for settings in body.materials)
 
 
 def _law(settings: Material) -> AbstractMaterial:

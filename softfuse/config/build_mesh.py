@@ -35,12 +35,12 @@ def build_mesh(config: DeviceConfig) -> DeviceMesh:
     Raises ConfigError with the key's path when the source gives no valid mesh, it has another number of
     cavities or of regions than the configuration, the cavities as made do not fit, or no node is fixed.
     """
-    drawn = [cavity.centre for cavity in config.cavities]
+    drawn = [cavity.centre for cavity in config.chambers]
     with config.told("body.source"):
         mesh = config.body.source.mesh(drawn)
     centres = np.array(drawn).reshape(-1, 3)
-    shifts = np.array([cavity.shift for cavity in config.cavities]).reshape(-1, 3)
-    growths = np.array([cavity.growth for cavity in config.cavities]).reshape(-1, 3)
+    shifts = np.array([cavity.shift for cavity in config.chambers]).reshape(-1, 3)
+    growths = np.array([cavity.growth for cavity in config.chambers]).reshape(-1, 3)
     with config.told("cavity"):
         if np.any(shifts) or np.any(growths):
             mesh = reshaped_cavities(mesh, shifts, growths, centres=centres)

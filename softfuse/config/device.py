@@ -86,6 +86,11 @@ class DeviceConfig(FileSettings):
     reduction: ReductionSettings = ReductionSettings()
     calibration: CalibrationSettings = CalibrationSettings()
 
+    @property
+    def chambers(self) -> tuple[CavitySettings, ...]:
+        """The cavities."""
+        return self.cavities
+
     @model_validator(mode="after")
     def _check_parts(self) -> Self:
         for key, parts in (

@@ -29,7 +29,6 @@ from softfuse.mechanics.reading import AbstractReading
 from softfuse.mechanics.volume import VolumePorts
 from softfuse.mesh.surface import outer_surface
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.base import AbstractContactSensor, AbstractSensor
 from softfuse.sensors.parts import CablePart, ChamberPart, ContactPart, Parts
 from softfuse.sensors.suite import SensorSuite
 
@@ -182,19 +181,11 @@ def _sensors(
     settings: RobotSettings, parts: Parts
 ) -> tuple[SensorSuite, tuple[AbstractReading, ...], dict[str, slice]]:
     """All sensors, what they measure, and which readings are whose."""
-    sensors: list[AbstractSensor | AbstractContactSensor] = []
-    readings: list[AbstractReading] = []
-    numbers: dict[str, slice] = {}
-    first = 0
-    for k, each in enumerate(settings.sensors):
-        with settings.told(f"sensor[{k}]"):
-            sensors.append(each.sensor(parts))
-            reading = each.functional(parts)
-        if reading is not None:
-            readings.append(reading)
-            numbers[each.name] = slice(first, first + reading.count)
-            first += reading.count
-    return SensorSuite.of(sensors, parts), tuple(readings), numbers
+    with settings.told("sensor"):
+        suite = SensorSuite.of(settings.sensors, parts)
+        each = [sensor.functional(parts) for sensor in settings.sensors]
+    readings = tuple(reading for reading in each if reading is not None)
+    return suite, readings, {name: suite.outputs[name] for name in suite.outputs.names}
 
 
 def _slots(

@@ -1,7 +1,7 @@
 """A robot as a TOML file describes it: body, actuators, contacts, sensors and what is around it."""
 
 from collections.abc import Sequence
-from typing import Annotated, Self
+from typing import Annotated, Self, Union
 
 from annotated_types import Ge
 from pydantic import Field, model_validator
@@ -16,7 +16,11 @@ from softfuse.io.quantity import Integer, Number, PositiveInteger, PositiveLengt
 from softfuse.io.settings import ExistingFile, FileSettings, Settings
 from softfuse.robot.actuators import CableSettings, ChamberSettings, EnvironmentSettings
 from softfuse.robot.contacts import AnyContact
-from softfuse.sensors.registry import AnySensor
+from softfuse.sensors.registry import SENSORS
+
+
+AnySensor = Annotated[Union[tuple(SENSORS.values())], Field(discriminator="type")]
+"""One of the kinds of sensors that there are."""
 
 
 class EstimatorSettings(Settings):
