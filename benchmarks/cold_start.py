@@ -71,9 +71,9 @@ def through_api(given: argparse.Namespace) -> None:
     phases = Phases()
     from softfuse.cli.computing import prepare_jax
     from softfuse.cli.recorded import sensor_columns, sensor_frames
-    from softfuse.config import load
+    from softfuse.robot.file import load
     from softfuse.config.build_device import build_device
-    from softfuse.config.build_mesh import build_mesh
+    from softfuse.robot.mesh import build_mesh
     from softfuse.config.build_reduction import with_charts
     from softfuse.config.build_tracker import build_tracker
     from softfuse.hardware.recording import read_recording

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from softfuse.cli.computing import prepare_jax
-from softfuse.config import DeviceConfig, load
+from softfuse.robot.file import RobotSettings, load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_evaluation import build_bed
 from softfuse.config.build_tracker import build_tracker
@@ -105,7 +105,7 @@ def main() -> None:
     print(f"readings taken for outliers: {sum(int(each.outlier.sum()) for each in joined)}")
 
 
-def grouped(values: np.ndarray, cavities: int, config: DeviceConfig) -> tuple[np.ndarray, ...]:
+def grouped(values: np.ndarray, cavities: int, config: RobotSettings) -> tuple[np.ndarray, ...]:
     """A frame's values as the senses' groups: flow, rows, columns."""
     rows = len(config.sensors.capacitive.row_channels)
     return values[:cavities], values[cavities : cavities + rows], values[cavities + rows :]

@@ -35,8 +35,8 @@ from resident import resident_mb
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.live_parts import Estimating, estimating
 from softfuse.cli.sources import connection_of, driver_of
-from softfuse.config import load
-from softfuse.config.source import SoftfuseSource
+from softfuse.robot.file import load
+from softfuse.robot.source import SoftfuseSource
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.live.session import Session, SessionReport

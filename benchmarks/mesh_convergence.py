@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from pad_meshes import CONFIG, pad_on
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device, with_contact_model
 from softfuse.mechanics.model import simulate
 

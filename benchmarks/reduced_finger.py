@@ -23,10 +23,10 @@ from live_frames import compilations, latencies, to_and_fro, wait_until_compiled
 
 from softfuse.body.body import Body
 from softfuse.cli.computing import prepare_jax
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device, build_limits, build_step_settings
 from softfuse.config.build_reduction import Teacher, build_regions, reduction_mark
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.step import Observation
 from softfuse.mechanics.model import Model, simulate
@@ -113,7 +113,7 @@ def way(small: Model, place: jax.Array, wanted: np.ndarray, readings: np.ndarray
 
 
 def frame_times(
-    config: DeviceConfig, kept: Kept, place: jax.Array, wanted: np.ndarray, through: np.ndarray, frames: int
+    config: RobotSettings, kept: Kept, place: jax.Array, wanted: np.ndarray, through: np.ndarray, frames: int
 ) -> dict[str, object]:
     """Latencies [ms] of estimate, shape and both, 50 and 99 %; how often programs were traced or compiled, a
     factor made anew and a state lost; and how far off the tension is at the loads [N], 50 % and the largest.

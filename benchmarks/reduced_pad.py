@@ -24,11 +24,11 @@ from live_frames import compilations, latencies, to_and_fro
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.recorded import sensor_columns, sensor_frames
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device, build_limits
 from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_estimator import MOST_TRUNCATION, ReducedEstimator
 from softfuse.estimation.step import Observation
@@ -82,7 +82,7 @@ def wandering(cells: Cells, frames: int, largest: float) -> tuple[np.ndarray, np
     return np.stack([x, y, 0 * x], axis=1), largest * (0.3 + 0.2 * np.sin(length / 0.012))
 
 
-def frame_times(device: Model, atlas: Atlas, config: DeviceConfig, frames: int) -> dict[str, object]:
+def frame_times(device: Model, atlas: Atlas, config: RobotSettings, frames: int) -> dict[str, object]:
     """Latencies [ms] of estimate, shape and both, 50 and 99 %; how often programs were traced or compiled,
     the full body asked and a tangent inverted; by how much forces were off; and the full body's latencies.
     """
@@ -128,7 +128,7 @@ def frame_times(device: Model, atlas: Atlas, config: DeviceConfig, frames: int) 
     }
 
 
-def tracked_times(config: DeviceConfig, atlas: Atlas, recording: Path) -> dict[str, object]:
+def tracked_times(config: RobotSettings, atlas: Atlas, recording: Path) -> dict[str, object]:
     """Latencies [ms] from a sensors' frame to contacts, forces and shape, 50 and 99 %, and how many frames
     they are of; the second time that the recording passes, when all of its charts have been read.
     """

@@ -18,11 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from softfuse.cli.computing import prepare_jax
-from softfuse.config import DeviceConfig, load
-from softfuse.config.body import SurfaceSource
+from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.body import SurfaceSource
 from softfuse.config.build_design import build_places
 from softfuse.config.build_device import build_device
-from softfuse.config.build_mesh import DeviceMesh, build_mesh, device_mesh
+from softfuse.robot.mesh import RobotMesh, build_mesh, robot_mesh
 from softfuse.config.design_plan import DesignPlan, load_design
 from softfuse.estimation.rest_response import rest_response
 from softfuse.functional.cavity import Cavity
@@ -31,16 +31,16 @@ from softfuse.mesh.subdivision import refined
 from softfuse.mesh.surface import cavities, centroid
 
 
-def refined_mesh(config: DeviceConfig, mesh: DeviceMesh) -> DeviceMesh:
+def refined_mesh(config: RobotSettings, mesh: RobotMesh) -> RobotMesh:
     """A device's mesh with every tetrahedron cut into eight, so that of its error a known part is left.
     Meshes made anew with shorter edges scatter by more than is asked here.
     """
     fine = oriented(refined(mesh.mesh))
     middles = [centroid(mesh.mesh.nodes, each.faces) for each in mesh.cavities]
-    return device_mesh(config, fine, cavities(fine, np.array(middles)))
+    return robot_mesh(config, fine, cavities(fine, np.array(middles)))
 
 
-def by_force(plan: DesignPlan, config: DeviceConfig, mesh: DeviceMesh, every: int, name: str) -> np.ndarray:
+def by_force(plan: DesignPlan, config: RobotSettings, mesh: RobotMesh, every: int, name: str) -> np.ndarray:
     """Readings per newton (s, k) in SI at each so manyth of a plan's places, and a line of them."""
     device = build_device(config, mesh)
     places, _ = build_places(plan, config)

@@ -22,12 +22,12 @@ import jax.numpy as jnp
 import numpy as np
 from live_frames import compilations
 
-from softfuse.config import load
-from softfuse.config.body import PadSource
+from softfuse.robot.file import load
+from softfuse.robot.body import PadSource
 from softfuse.config.build_sensors import build_sensors
 from softfuse.config.build_tracker import build_senses
 from softfuse.config.build_virtual_pad import pad_plan
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.estimation.compiled_senses import CompiledSenses
 from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.pad_electrodes import LineElectrodes
@@ -48,7 +48,7 @@ SHARE = 0.9
 """Of the way from the middle to the outermost lines, where electrodes break."""
 
 
-def frames_of(config: DeviceConfig) -> tuple[np.ndarray, np.ndarray]:
+def frames_of(config: RobotSettings) -> tuple[np.ndarray, np.ndarray]:
     """Times (f,) [s] and readings (f, 20) of a coarse virtual pad that is touched."""
     assert isinstance(config.body.source, PadSource)
     plan = pad_plan(config, config.body.source, SHEAR_PA, POISSON)
@@ -64,7 +64,7 @@ def frames_of(config: DeviceConfig) -> tuple[np.ndarray, np.ndarray]:
     return times, Readout(programme, plan.electronics(1), (1, 2, 3)).read(times)
 
 
-def cost(config: DeviceConfig, repeats: int) -> dict[str, object]:
+def cost(config: RobotSettings, repeats: int) -> dict[str, object]:
     """Times of the frames of `repeats` runs by what they see."""
     times, values = frames_of(config)
     started = time.perf_counter()
@@ -97,7 +97,7 @@ def cost(config: DeviceConfig, repeats: int) -> dict[str, object]:
     return found
 
 
-def delay(config: DeviceConfig) -> dict[str, object]:
+def delay(config: RobotSettings) -> dict[str, object]:
     """In how many frames electrodes that break are named."""
     model, rng = build_sensors(config).peak, np.random.default_rng(0)
     most = SHARE * np.array([float(model.column_x_m[-1]), float(model.row_y_m[-1])])

@@ -13,7 +13,7 @@ from live_frames import compilations
 from pad_meshes import pad_on
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from softfuse.config import DeviceConfig
+from softfuse.robot.file import RobotSettings
 from softfuse.config.build_device import build_device, build_limits
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
@@ -35,7 +35,7 @@ PEAK_N = 10.0
 class Pad:
     """The pad of configs/pad.toml on one of the meshes."""
 
-    config: DeviceConfig
+    config: RobotSettings
     device: Model
 
     def limits(self, contacts: int = 1) -> Limits:

@@ -26,14 +26,14 @@ import numpy as np
 
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
 from softfuse.cli.computing import prepare_jax
-from softfuse.config import DeviceConfig, load, save_edited
+from softfuse.robot.file import RobotSettings, load, save_edited
 from softfuse.config.build_device import build_device
 from softfuse.config.build_evaluation import build_bed
 from softfuse.config.build_mutual import mutual_grid
 from softfuse.config.build_tracker import build_tracker
 from softfuse.config.build_virtual_pad import PadPlan
 from softfuse.config.contact import DiscSettings
-from softfuse.config.file import Edits
+from softfuse.robot.file import Edits
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.experiment.accuracy import NINETY
 from softfuse.experiment.channel_electronics import Readout
@@ -170,7 +170,7 @@ def main() -> None:
             writer.writerows(rows)
 
 
-def grid_edits(config: DeviceConfig, plan: PadPlan, seed: int) -> Edits:
+def grid_edits(config: RobotSettings, plan: PadPlan, seed: int) -> Edits:
     """The grid's constants as touches at known places tell them: a punch on the middles of all cells and
     between them, with 0 N and with 5 N.
     """

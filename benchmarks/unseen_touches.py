@@ -16,17 +16,17 @@ import numpy as np
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.recorded import sample_frames, samples_at, sensor_columns, sensor_frames
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.estimation.tracked import Frame
 from softfuse.experiment.accuracy import coverage
 from softfuse.hardware.recording import Recording, read_recording
 
 
-def blinded(config: DeviceConfig, recording: Recording) -> Iterator[Frame]:
+def blinded(config: RobotSettings, recording: Recording) -> Iterator[Frame]:
     """The recording's frames, with electrodes that nothing comes near."""
     assert config.sensors is not None
     rng, noise, still = np.random.default_rng(0), config.sensors.capacitive.noise_counts, ()

@@ -13,7 +13,7 @@ import pytest
 from live_frames import wait_until_compiled
 from suite_pads import CONFIGS, MESHES, PLACES, megabytes, pad, press, time_frames
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device, build_limits, build_step_settings
 from softfuse.config.build_reduction import Teacher, build_regions
 from softfuse.estimation.estimator import Estimator

@@ -17,7 +17,7 @@ from softfuse.cli.finger_calibration import FingerCalibration
 from softfuse.cli.pad_calibration import PadCalibration
 from softfuse.cli.recorded import sensor_columns
 from softfuse.cli.terminal import Quiet, busy, counted, stdout
-from softfuse.config import DeviceConfig, load, save_edited
+from softfuse.robot.file import RobotSettings, load, save_edited
 from softfuse.config.build_calibration import (
     adjustments_of_presses,
     build_adjustments,
@@ -25,7 +25,7 @@ from softfuse.config.build_calibration import (
     fitted_device,
 )
 from softfuse.config.build_device import build_device
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.mesh import build_mesh
 from softfuse.errors import SoftfuseError
 from softfuse.hardware.recording import Recording, read_recording
 
@@ -57,7 +57,7 @@ def calibrate(
 
 
 def calibrated_device(
-    settings: DeviceConfig,
+    settings: RobotSettings,
     recordings: Sequence[Recording],
     out: Path,
     *,

@@ -16,7 +16,7 @@ from softfuse.calibration.electrode_gains import GainFit
 from softfuse.calibration.fit import Fit
 from softfuse.calibration.posterior import AbstractPosterior
 from softfuse.cli.device_calibration import Electrodes, Felt, Quantity
-from softfuse.config import DeviceConfig
+from softfuse.robot.file import RobotSettings
 from softfuse.experiment.accuracy import NINETY
 from softfuse.experiment.calibration_figures import misfits, usefulness
 from softfuse.experiment.report import page, picture, table
@@ -64,7 +64,7 @@ class Calibrated:
     crossed electrodes, and what may be pressed next.
     """
 
-    config: DeviceConfig
+    config: RobotSettings
     quantity: Quantity
     felt: Felt
     fit: Fit
@@ -204,7 +204,7 @@ def _at_rest(found: Untouched) -> str:
     )
 
 
-def _untouched(config: DeviceConfig, found: Untouched) -> str:
+def _untouched(config: RobotSettings, found: Untouched) -> str:
     assert config.sensors is not None  # they were read
     lines = config.sensors.capacitive.lines
     rows = [

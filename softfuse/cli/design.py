@@ -18,7 +18,7 @@ from softfuse.cli.design_run import DesignRun, Wanted, Workers
 from softfuse.cli.design_worker import Task
 from softfuse.cli.terminal import Quiet, busy, printable, stdout, tracked_calls
 from softfuse.cli.version import installed_version
-from softfuse.config import DeviceConfig, load
+from softfuse.robot.file import RobotSettings, load
 from softfuse.config.build_design import (
     build_limits,
     build_problem,
@@ -29,10 +29,10 @@ from softfuse.config.build_design import (
     shown_units,
 )
 from softfuse.config.build_device import build_device
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.mesh import build_mesh
 from softfuse.config.design_plan import DesignPlan, load_design
-from softfuse.config.digest import digest
-from softfuse.design.layout_mesh import layout_mesh
+from softfuse.robot.digest import digest
+from softfuse.robot.layout.layout_mesh import layout_mesh
 from softfuse.design.objective import AbstractMeasure, Answers, measured
 from softfuse.design.problem import Geometry
 from softfuse.design.verification import pressed
@@ -101,7 +101,7 @@ def design(
 
 
 def _front(
-    run: DesignRun, config: DeviceConfig, own: Answers, theta: Float[np.ndarray, " p"]
+    run: DesignRun, config: RobotSettings, own: Answers, theta: Float[np.ndarray, " p"]
 ) -> list[Wanted]:
     """The searches of a Pareto front, from parameters (p,)."""
     front = run.plan.front
@@ -119,7 +119,7 @@ def _front(
 
 def _verified(
     plan: DesignPlan,
-    config: DeviceConfig,
+    config: RobotSettings,
     measures: Sequence[AbstractMeasure],
     theta: Float[np.ndarray, " p"],
     *,

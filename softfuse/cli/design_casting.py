@@ -9,7 +9,7 @@ from softfuse.config.design_plan import DesignPlan
 from softfuse.design.casting import casting, cavity_solids
 from softfuse.design.casting_check import SolidCheck, checked_solids
 from softfuse.design.casting_files import write_casting
-from softfuse.design.layout import AbstractLayout
+from softfuse.robot.layout.layout import AbstractLayout
 from softfuse.design.mould import MouldShape, mould
 from softfuse.design.port import nearest_ports
 

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.version import require_version
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_design import (
     build_problem,
     limit_measures,
@@ -22,7 +22,7 @@ from softfuse.config.build_design import (
     searched_config,
 )
 from softfuse.config.design_plan import DesignPlan, load_design
-from softfuse.config.digest import digest
+from softfuse.robot.digest import digest
 from softfuse.design.limits import Limit
 from softfuse.design.problem import Geometry, Problem
 from softfuse.design.search import Search, Trial

@@ -16,8 +16,8 @@ from softfuse.calibration.electrode_baseline import Untouched
 from softfuse.calibration.electrode_gains import GainFit
 from softfuse.calibration.fit import Fit
 from softfuse.calibration.presses import Answer, Applied, Presses
-from softfuse.config import DeviceConfig
-from softfuse.config.file import Edits
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.file import Edits
 from softfuse.hardware.recording import Recording
 from softfuse.sensors.senses import AbstractSenses, Sensed
 
@@ -69,7 +69,7 @@ class AbstractCalibration(ABC):
 
     quantity: ClassVar[Quantity]
     columns: ClassVar[str]
-    settings: DeviceConfig
+    settings: RobotSettings
 
     @abstractmethod
     def frames(self, recording: Recording) -> Int[np.ndarray, " s"]:

@@ -13,7 +13,7 @@ from softfuse.cli.doctor_sources import check_ports, check_sources
 from softfuse.cli.finding import Finding, findings_table, well
 from softfuse.cli.sources import sources_at
 from softfuse.cli.terminal import Quiet, busy, stdout
-from softfuse.config import DeviceConfig, load
+from softfuse.robot.file import RobotSettings, load
 from softfuse.errors import ConfigError
 from softfuse.hardware.source.serial_ports import serial_ports
 
@@ -55,7 +55,7 @@ def doctor(
         raise typer.Exit(2)
 
 
-def _read(config: Path | None) -> tuple[DeviceConfig | None, list[Finding]]:
+def _read(config: Path | None) -> tuple[RobotSettings | None, list[Finding]]:
     """The configuration, and what is wrong with it."""
     if config is None:
         return None, []
@@ -73,5 +73,5 @@ def _read(config: Path | None) -> tuple[DeviceConfig | None, list[Finding]]:
     return settings, [Finding(str(config), "ok", f"{settings.device.name}{heard}")]
 
 
-def _wanted(config: DeviceConfig | None) -> Sequence[str]:
+def _wanted(config: RobotSettings | None) -> Sequence[str]:
     return () if config is None or config.sensors is None else config.sensors.channels

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 from softfuse.cli.finding import Finding
 from softfuse.cli.sources import connection_of, driver_of
-from softfuse.config.source import AnySource
+from softfuse.robot.source import AnySource
 from softfuse.errors import HardwareError
 from softfuse.hardware.source.connection import SILENCE
 from softfuse.hardware.source.listening import Heard, Listener

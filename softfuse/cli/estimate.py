@@ -17,9 +17,9 @@ from softfuse.cli.recorded import sensor_columns, sensor_frames
 from softfuse.cli.recording_report import EstimateRows, all_errors, summary, write_report, write_shapes
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated
 from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.mesh import build_mesh
 from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
 from softfuse.errors import SoftfuseError

@@ -17,10 +17,10 @@ from softfuse.cli.recorded import sensor_columns
 from softfuse.cli.result_folder import claim
 from softfuse.cli.terminal import Quiet, busy, printable, stdout
 from softfuse.cli.version import installed_version
-from softfuse.config import DeviceConfig, load
+from softfuse.robot.file import RobotSettings, load
 from softfuse.config.build_evaluation import Bed, build_bed
 from softfuse.config.build_virtual_pad import PadPlan
-from softfuse.config.digest import digest
+from softfuse.robot.digest import digest
 from softfuse.experiment.report import table
 from softfuse.hardware.recording import read_recording
 
@@ -73,7 +73,7 @@ def evaluate(
         stdout.print(printable("\n\n".join(lines)), markup=False, highlight=False, soft_wrap=True)
 
 
-def _calibrated(settings: DeviceConfig, recordings: Sequence[Path], out: Path, *, quiet: bool) -> Path:
+def _calibrated(settings: RobotSettings, recordings: Sequence[Path], out: Path, *, quiet: bool) -> Path:
     """The configuration fitted to all samples of some recordings, fitted.toml, with the files beside it."""
     fitted = out / "fitted.toml"
     if not all(fitted.with_suffix(suffix).exists() for suffix in (".toml", ".npz", ".html")):

@@ -4,12 +4,12 @@ from pathlib import Path
 
 from softfuse.cli.result_folder import put_in_place, writing
 from softfuse.cli.terminal import tracked_calls
-from softfuse.config import DeviceConfig
+from softfuse.robot.file import RobotSettings
 from softfuse.config.build_evaluation import Bed
 from softfuse.experiment.recording_file import recorded, write_recording
 
 
-def record(settings: DeviceConfig, bed: Bed, folder: Path, *, quiet: bool) -> list[Path]:
+def record(settings: RobotSettings, bed: Bed, folder: Path, *, quiet: bool) -> list[Path]:
     """A recording of each thing that is done, in folder/recordings; those that are there are kept, as are
     equilibria in folder/equilibria.
 

@@ -11,9 +11,9 @@ from softfuse.cli.evaluation_report import Evaluator
 from softfuse.cli.recorded import sensor_columns, sensor_frames
 from softfuse.cli.study import Estimated
 from softfuse.cli.terminal import tracked_calls
-from softfuse.config import DeviceConfig
+from softfuse.robot.file import RobotSettings
 from softfuse.config.build_device import build_device
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.mesh import build_mesh
 from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.side_by_side import cores
 from softfuse.estimation.tracker import Tracker
@@ -25,7 +25,7 @@ EVERY = 10
 
 
 def estimates(
-    settings: DeviceConfig,
+    settings: RobotSettings,
     recordings: Sequence[Path],
     folder: Path,
     evaluator: Evaluator,

@@ -9,8 +9,8 @@ from jaxtyping import Float
 from softfuse.cli.evaluation_report import Evaluation, Evaluator, Plate
 from softfuse.cli.finger_study import FingerStudy
 from softfuse.cli.study import AbstractStudy
-from softfuse.config import DeviceConfig
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import build_mesh
 from softfuse.experiment import finger_figures, shape_figures
 from softfuse.experiment.accuracy import scaled, together
 from softfuse.experiment.comparison import Comparison
@@ -63,7 +63,7 @@ def _said(study: AbstractStudy) -> Arrays:
     return Pushed(shape, contact, depth[series.truth.samples], study.shapes[0]).arrays
 
 
-def _evaluation(settings: DeviceConfig, found: Mapping[str, Sequence[Arrays]]) -> Evaluation:
+def _evaluation(settings: RobotSettings, found: Mapping[str, Sequence[Arrays]]) -> Evaluation:
     """The evaluation of pushes, each estimated in some ways."""
     pushes = {way: [Pushed.of(each) for each in many] for way, many in found.items()}
     names = [point.name for point in settings.points]

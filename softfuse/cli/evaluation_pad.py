@@ -8,8 +8,8 @@ import numpy as np
 from softfuse.cli.evaluation_report import Evaluation, Evaluator, Plate
 from softfuse.cli.pad_study import PadStudy, cavity_outlines_mm, workspace_mm
 from softfuse.cli.study import AbstractStudy
-from softfuse.config import DeviceConfig
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import build_mesh
 from softfuse.experiment import figures
 from softfuse.experiment.accuracy import Samples, coverage, force_table, location_table, scaled, together
 from softfuse.experiment.comparison import Comparison
@@ -28,7 +28,7 @@ def _said(study: AbstractStudy) -> Arrays:
     return {name: getattr(study.samples, name) for name in _NAMES}
 
 
-def _evaluation(settings: DeviceConfig, found: Mapping[str, Sequence[Arrays]]) -> Evaluation:
+def _evaluation(settings: RobotSettings, found: Mapping[str, Sequence[Arrays]]) -> Evaluation:
     """The evaluation of presses, each estimated in some ways."""
     samples = {way: together([Samples(**each) for each in many]) for way, many in found.items()}
     named = _named(next(iter(samples.values())))

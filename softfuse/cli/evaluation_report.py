@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from softfuse.cli.result_folder import writing
 from softfuse.cli.study import AbstractStudy
-from softfuse.config import DeviceConfig
+from softfuse.robot.file import RobotSettings
 from softfuse.experiment.comparison import UNKNOWN, Comparison
 from softfuse.experiment.pose_cache import Arrays
 from softfuse.experiment.report import page, picture
@@ -56,7 +56,7 @@ class Evaluator:
 
     names: frozenset[str]
     said: Callable[[AbstractStudy], Arrays]
-    evaluation: Callable[[DeviceConfig, Mapping[str, Sequence[Arrays]]], Evaluation]
+    evaluation: Callable[[RobotSettings, Mapping[str, Sequence[Arrays]]], Evaluation]
 
 
 def write_evaluation(

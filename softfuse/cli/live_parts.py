@@ -8,9 +8,9 @@ from typing import Any
 from softfuse.cli.joined_readout import joined_columns, joined_values
 from softfuse.cli.readout import AbstractReadout, Column, Value, readout_of
 from softfuse.cli.recorded import sensor_columns
-from softfuse.config import DeviceConfig
+from softfuse.robot.file import RobotSettings
 from softfuse.config.build_device import build_device
-from softfuse.config.build_mesh import DeviceMesh, build_mesh
+from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.tracked import Tracked
@@ -28,8 +28,8 @@ class Estimating:
     none for a device whose frames are not joined, see `Fusion.joins`.
     """
 
-    config: DeviceConfig
-    mesh: DeviceMesh
+    config: RobotSettings
+    mesh: RobotMesh
     device: Model
     tracker: Tracker
     readout: AbstractReadout
@@ -48,7 +48,7 @@ class Estimating:
         return {c.name: "string" if c.digits is None else "number" for c in columns}
 
 
-def estimating(config: DeviceConfig, charts: Path | None = None) -> Estimating:
+def estimating(config: RobotSettings, charts: Path | None = None) -> Estimating:
     """Mesh, build and compile, with the charts of a folder if there is one.
 
     Raises ConfigError when the config has no sensors or no contact, SoftfuseError as

@@ -4,8 +4,8 @@ import numpy as np
 
 from softfuse.cli.joined_readout import joined_words
 from softfuse.cli.readout import AbstractReadout
-from softfuse.config import DeviceConfig
-from softfuse.config.build_mesh import DeviceMesh
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import RobotMesh
 from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.figures import flat_triangles
 from softfuse.experiment.shape_figures import sharp_edges
@@ -17,7 +17,7 @@ from softfuse.mesh.surface import outer_surface
 PICTURES_A_SECOND = 20.0
 
 
-def scene_of(config: DeviceConfig, mesh: DeviceMesh) -> Scene:
+def scene_of(config: RobotSettings, mesh: RobotMesh) -> Scene:
     """The body of a device, and its cavities."""
     faces = outer_surface(mesh.mesh).faces
     return Scene(

@@ -9,8 +9,8 @@ from rich.markup import escape
 from rich.table import Table
 
 from softfuse.cli.terminal import Quiet, busy, stdout
-from softfuse.config import load
-from softfuse.config.build_mesh import DeviceMesh, build_mesh
+from softfuse.robot.file import load
+from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.functional.cavity import Cavity
 from softfuse.mesh.files import write_mesh
 from softfuse.mesh.quality import MeshQuality, Spread, mesh_quality
@@ -33,7 +33,7 @@ def mesh(
         stdout.print(f"written to {out}", markup=False, highlight=False, soft_wrap=True)
 
 
-def quality_table(name: str, cavities: list[str], device: DeviceMesh) -> Table:
+def quality_table(name: str, cavities: list[str], device: RobotMesh) -> Table:
     """Counts, sizes in mm and mm³, and shapes of the tetrahedra, as people read them."""
     quality = mesh_quality(device.mesh)
     table = Table("", "least", "mean", "most", title=escape(f"Mesh of {name}"), title_justify="left")
@@ -54,12 +54,12 @@ def quality_table(name: str, cavities: list[str], device: DeviceMesh) -> Table:
     return table
 
 
-def _within(surface: Surface, device: DeviceMesh) -> float:
+def _within(surface: Surface, device: RobotMesh) -> float:
     """Volume in m³ that a surface encloses, its edges as curved as they are."""
     return float(Cavity(jnp.asarray(surface.faces))(jnp.asarray(device.mesh.nodes)))
 
 
-def _counts(quality: MeshQuality, device: DeviceMesh) -> list[tuple[str, str]]:
+def _counts(quality: MeshQuality, device: RobotMesh) -> list[tuple[str, str]]:
     kind = "quadratic" if quality.order == 2 else "linear"
     return [
         (f"{kind} tetrahedra", f"{quality.n_tets}"),

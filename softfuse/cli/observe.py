@@ -10,7 +10,7 @@ import typer
 from softfuse.calibration.grid import Grid
 from softfuse.cli.estimate import make_folder
 from softfuse.cli.terminal import Quiet, busy, stdout, tracked_calls
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_model_error
 from softfuse.config.contact import DiscSettings

@@ -8,8 +8,8 @@ from jaxtyping import Float
 from softfuse.cli.readout import PadReadout, Value
 from softfuse.cli.recorded import sample_frames, samples_at
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks
-from softfuse.config import DeviceConfig
-from softfuse.config.build_mesh import DeviceMesh
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import RobotMesh
 from softfuse.config.contact import DiscSettings
 from softfuse.experiment import figures
 from softfuse.experiment.accuracy import Samples, force_table, location_table, scaled
@@ -150,14 +150,14 @@ class PadStudy(AbstractStudy):
         )
 
 
-def workspace_mm(config: DeviceConfig) -> Float[np.ndarray, "2 2"]:
+def workspace_mm(config: RobotSettings) -> Float[np.ndarray, "2 2"]:
     """Low and high ends of x and y between which contacts on a pad may be (2, 2) [mm]."""
     contact = config.contact
     assert isinstance(contact, DiscSettings)  # no other goes with the electrodes of a pad
     return 1e3 * np.stack([np.array(contact.workspace.x), np.array(contact.workspace.y)], axis=1)
 
 
-def cavity_outlines_mm(mesh: DeviceMesh) -> list[Float[np.ndarray, "4 2"]]:
+def cavity_outlines_mm(mesh: RobotMesh) -> list[Float[np.ndarray, "4 2"]]:
     """The rectangles (4, 2) [mm] around the cavities, from above."""
     outlines = []
     for surface in mesh.cavities:

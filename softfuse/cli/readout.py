@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.cli.finger_series import FingerFrame, finger_frame
-from softfuse.config import DeviceConfig
-from softfuse.config.build_mesh import DeviceMesh
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import RobotMesh
 from softfuse.config.build_watched import build_watched
 from softfuse.config.contact import DiscSettings, PatchSettings
 from softfuse.estimation.tracked import Tracked
@@ -69,7 +69,7 @@ _SIGMAS = (("x_sigma_mm", 3), ("y_sigma_mm", 3), ("force_sigma_N", 4))
 class PadReadout(AbstractReadout):
     """Where and how hard, of each contact when there may be several, and the volume change of each cavity."""
 
-    def __init__(self, config: DeviceConfig):
+    def __init__(self, config: RobotSettings):
         """The columns of a pad."""
         volumes = [Column(f"dV{k}_mm3", 3) for k in range(len(config.cavities))]
         place = [Column(what, digits) for what, digits in (*_OF_DISC, *_SIGMAS)]
@@ -124,7 +124,7 @@ _OF_CONTACT = (
 class FingerReadout(AbstractReadout):
     """Contacts, cables, pressures, points, bending of the centreline."""
 
-    def __init__(self, config: DeviceConfig, device: Model, mesh: DeviceMesh):
+    def __init__(self, config: RobotSettings, device: Model, mesh: RobotMesh):
         """The columns of a finger; raises ConfigError for points outside the body."""
         self._watched = build_watched(config, device, mesh)
         self._electrodes = [electrode.name for electrode in config.electrodes]
@@ -201,7 +201,7 @@ class FingerReadout(AbstractReadout):
         return [now.contacts, *plain, residual]
 
 
-def readout_of(config: DeviceConfig, device: Model, mesh: DeviceMesh) -> AbstractReadout:
+def readout_of(config: RobotSettings, device: Model, mesh: RobotMesh) -> AbstractReadout:
     """The readout of the device's kind of sensors, which it has."""
     assert config.sensors is not None  # sensor_columns has told
     return PadReadout(config) if config.sensors.vented else FingerReadout(config, device, mesh)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Int
 
-from softfuse.config import DeviceConfig
+from softfuse.robot.file import RobotSettings
 from softfuse.errors import ConfigError
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.experiment.accuracy import Samples
@@ -15,14 +15,14 @@ TRUTH = ("sample", "true_x_mm", "true_y_mm", "true_force_N")
 """Columns of a recording that make an evaluation possible."""
 
 
-def sensor_columns(config: DeviceConfig) -> list[str]:
+def sensor_columns(config: RobotSettings) -> list[str]:
     """The columns of a recording that the device's sensors write; raises ConfigError when it has none."""
     if config.sensors is None:
         raise ConfigError(f"{config.path}: sensors: missing, needed to estimate from a recording")
     return list(config.sensors.channels)
 
 
-def sensor_frames(config: DeviceConfig, recording: Recording) -> list[Frame]:
+def sensor_frames(config: RobotSettings, recording: Recording) -> list[Frame]:
     """The recording's frames with the readings in the order of the sensors."""
     assert config.sensors is not None  # sensor_columns has told
     groups = zip(*(unit * recording.matrix(names) for names, unit in config.sensors.groups), strict=True)

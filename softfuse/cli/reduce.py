@@ -7,7 +7,7 @@ import typer
 
 from softfuse.body.body import Body
 from softfuse.cli.terminal import Quiet, busy, stdout, tracked
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device, electrode_places
 from softfuse.config.build_reduction import Teacher, build_regions, reduction_mark
 from softfuse.errors import SoftfuseError

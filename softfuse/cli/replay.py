@@ -11,9 +11,9 @@ from softfuse.cli.live_parts import estimating
 from softfuse.cli.live_picture import Pictures, scene_of
 from softfuse.cli.sources import driver_of
 from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
-from softfuse.config import load
-from softfuse.config.file import parse
-from softfuse.config.source import AnySource
+from softfuse.robot.file import load
+from softfuse.robot.file import parse
+from softfuse.robot.source import AnySource
 from softfuse.errors import RecordingError
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.replay import Comparison, Replay

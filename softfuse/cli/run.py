@@ -15,8 +15,8 @@ from softfuse.cli.live_parts import estimating
 from softfuse.cli.live_picture import Pictures, scene_of
 from softfuse.cli.sources import connection_of, driver_of, session_info, sources_at
 from softfuse.cli.terminal import Charts, Quiet, busy, stderr, stdout
-from softfuse.config import DeviceConfig, load
-from softfuse.config.source import AnySource
+from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.source import AnySource
 from softfuse.errors import ConfigError
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
@@ -105,7 +105,7 @@ def run(
         _tell(session.report, record)
 
 
-def _sources(config: DeviceConfig, ports: Sequence[str], baud: int) -> Sequence[AnySource]:
+def _sources(config: RobotSettings, ports: Sequence[str], baud: int) -> Sequence[AnySource]:
     """Those of the config, or devices at ports; ConfigError without any."""
     if ports:
         return sources_at(ports, baud)

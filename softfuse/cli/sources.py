@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 
 from pydantic import ValidationError
 
-from softfuse.config import DeviceConfig
-from softfuse.config.source import (
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.source import (
     AnySource,
     AtiNetFtSource,
     BotaSource,
@@ -45,7 +45,7 @@ def sources_at(ports: Sequence[str], baud: int) -> list[SoftfuseSource]:
 
 
 def session_info(
-    config: DeviceConfig,
+    config: RobotSettings,
     sources: Sequence[AnySource],
     channels: tuple[str, ...],
     estimates: Mapping[str, Kind],

@@ -14,8 +14,8 @@ from jaxtyping import Float
 
 from softfuse.cli.joined import Joined
 from softfuse.cli.readout import AbstractReadout, Value
-from softfuse.config import DeviceConfig
-from softfuse.config.build_mesh import DeviceMesh
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import RobotMesh
 from softfuse.estimation.shape_spread import displacement_sigma
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.accuracy import Spread
@@ -37,9 +37,9 @@ class Peak:
 class Estimated:
     """A device, a recording of it, and what has been found in its frames so far."""
 
-    config: DeviceConfig
+    config: RobotSettings
     device: Model
-    mesh: DeviceMesh
+    mesh: RobotMesh
     recording: Recording
     found: list[Tracked] = field(default_factory=list)
 

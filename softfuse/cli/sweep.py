@@ -14,8 +14,8 @@ from softfuse.cli.sweep_worker import Chunk, Pressed, chunks_of, solve_chunk
 from softfuse.cli.terminal import Quiet, busy, printable, stdout, tracked
 from softfuse.cli.version import installed_version
 from softfuse.config.build_sweep import build_series, shortened_cables
-from softfuse.config.digest import digest
-from softfuse.config.file import file_text, parse
+from softfuse.robot.digest import digest
+from softfuse.robot.file import file_text, parse
 from softfuse.config.sweep_plan import load_plan
 
 

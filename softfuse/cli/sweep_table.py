@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from softfuse.config import DeviceConfig
+from softfuse.robot.file import RobotSettings
 from softfuse.config.contact import DiscSettings
 from softfuse.experiment.sweep import Outcome, Series
 
@@ -24,7 +24,7 @@ class SweepColumn:
 class SweepTable:
     """The rows of the sweep of a device, with up to so many contacts at once."""
 
-    def __init__(self, config: DeviceConfig, contacts: int, shortened: tuple[bool, ...]):
+    def __init__(self, config: RobotSettings, contacts: int, shortened: tuple[bool, ...]):
         """shortened: of each cable, whether its shortening is given; its tension is otherwise."""
         self._contacts, self._shortened = contacts, shortened
         self._electrodes = [electrode.name for electrode in config.electrodes]
@@ -81,7 +81,7 @@ class SweepTable:
         )
         return [*place, SweepColumn(f"contact{k}_force_N", "number", "its total force")]
 
-    def _driven(self, config: DeviceConfig) -> list[SweepColumn]:
+    def _driven(self, config: RobotSettings) -> list[SweepColumn]:
         return [
             SweepColumn(f"cable{k}_mm", "number", f'given shortening of "{cable.name}"')
             if by_length
@@ -89,7 +89,7 @@ class SweepTable:
             for k, (cable, by_length) in enumerate(zip(config.cables, self._shortened, strict=True))
         ]
 
-    def _answers(self, config: DeviceConfig) -> list[tuple[SweepColumn, float]]:
+    def _answers(self, config: RobotSettings) -> list[tuple[SweepColumn, float]]:
         return [
             (SweepColumn(f"cable{k}_N", "number", f'tension of "{cable.name}"'), 1.0)
             if by_length
@@ -98,7 +98,7 @@ class SweepTable:
         ]
 
 
-def _volumes(config: DeviceConfig) -> list[tuple[SweepColumn, float]]:
+def _volumes(config: RobotSettings) -> list[tuple[SweepColumn, float]]:
     cavities = config.cavities if config.gas is None else ()
     return [
         (SweepColumn(f"dV{k}_mm3", "number", f'volume change of "{cavity.name}"'), 1e9)
@@ -106,7 +106,7 @@ def _volumes(config: DeviceConfig) -> list[tuple[SweepColumn, float]]:
     ]
 
 
-def _pressures(config: DeviceConfig) -> list[tuple[SweepColumn, float]]:
+def _pressures(config: RobotSettings) -> list[tuple[SweepColumn, float]]:
     cavities = () if config.gas is None else config.cavities
     return [
         (SweepColumn(f"pressure{k}_Pa", "number", f'gauge pressure in "{cavity.name}"'), 1.0)

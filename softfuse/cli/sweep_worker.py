@@ -15,10 +15,10 @@ import jax.numpy as jnp
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.sweep_table import SweepTable, Value
 from softfuse.cli.version import require_version
-from softfuse.config import DeviceConfig, parse
+from softfuse.robot.file import RobotSettings, parse
 from softfuse.config.build_device import build_device
 from softfuse.config.build_sweep import places_of, with_moduli, with_shortened
-from softfuse.config.digest import digest
+from softfuse.robot.digest import digest
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.sweep import Series, outcomes
 from softfuse.mechanics.model import Model
@@ -98,7 +98,7 @@ _building = Lock()
 
 
 @lru_cache(maxsize=1)
-def _device(pressed: Pressed) -> tuple[DeviceConfig, Model]:
+def _device(pressed: Pressed) -> tuple[RobotSettings, Model]:
     require_version(pressed.version)
     config = parse(pressed.text, Path(pressed.path))
     if digest(config) != pressed.digest:

@@ -14,7 +14,7 @@ from softfuse.cli.terminal import Quiet, printable, stderr, stdout, tracked
 from softfuse.cli.testbed_files import Outputs, done_already
 from softfuse.cli.testbed_plan import Plan, moves
 from softfuse.cli.testbed_sensors import Sensors
-from softfuse.config import DeviceConfig, load
+from softfuse.robot.file import RobotSettings, load
 from softfuse.config.contact import DiscSettings
 from softfuse.errors import ConfigError, HardwareError
 from softfuse.hardware.source.connection import remedy
@@ -170,7 +170,7 @@ def _stage(url: str, baud: int, firmware: Firmware, workspace: Workspace) -> Gco
     return GcodeStage(port, dialect, workspace)
 
 
-def _workspace(config: DeviceConfig) -> tuple[tuple[float, float], tuple[float, float]]:
+def _workspace(config: RobotSettings) -> tuple[tuple[float, float], tuple[float, float]]:
     sensor_columns(config)
     if not isinstance(config.contact, DiscSettings):
         raise ConfigError(

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from softfuse.cli.recorded import sensor_columns
 from softfuse.cli.sources import connection_of, driver_of
 from softfuse.cli.testbed_files import Outputs
-from softfuse.config import DeviceConfig
+from softfuse.robot.file import RobotSettings
 from softfuse.errors import ConfigError, HardwareError
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.record.entries import FrameEntry
@@ -24,7 +24,7 @@ class Sensors:
     """Opens the configuration's sources and gathers what they say."""
 
     def __init__(
-        self, config: DeviceConfig, axis: ForceAxis, clock: HostClock, *, tell: Callable[[Notice], None]
+        self, config: RobotSettings, axis: ForceAxis, clock: HostClock, *, tell: Callable[[Notice], None]
     ) -> None:
         """ConfigError where the configuration has no sensors or no sources."""
         if not config.sources:

@@ -6,8 +6,8 @@ from typing import Any
 
 from jaxtyping import Array, Float
 
-from softfuse.config import DeviceConfig
-from softfuse.config.build_mesh import DeviceMesh
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import RobotMesh
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
 
@@ -18,9 +18,9 @@ class Asked:
     there; None for what is not given.
     """
 
-    config: DeviceConfig
+    config: RobotSettings
     device: Model
-    mesh: DeviceMesh
+    mesh: RobotMesh
     force: float | None
     at: str | None
     contact: str | None

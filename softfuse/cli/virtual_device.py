@@ -13,9 +13,9 @@ from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.terminal import Quiet, busy, stdout
 from softfuse.cli.virtual_boards import TruthFile, boards_of, line_seed
 from softfuse.cli.virtual_faults import HELP, parse_faults
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_virtual import VirtualBody, build_virtual
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.errors import SoftfuseError
 from softfuse.hardware.stream import HostClock
 from softfuse.hardware.virtual.board_clock import BoardClock
@@ -103,7 +103,7 @@ def _outlets(tcp: int | None, link: Path | None, boards: int) -> list[list[Abstr
     return found
 
 
-def _body(settings: DeviceConfig, seed: int, quiet: bool) -> VirtualBody:
+def _body(settings: RobotSettings, seed: int, quiet: bool) -> VirtualBody:
     folder = platformdirs.user_cache_path("softfuse") / "virtual"
     with busy("pressing, once for each configuration", quiet=quiet):
         return build_virtual(settings, folder=folder, seed=seed)

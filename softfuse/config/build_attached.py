@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from softfuse.body.base import AbstractBody
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.errors import ConfigError
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.material_points import MaterialPoints
@@ -13,7 +13,7 @@ from softfuse.mechanics.load import AbstractLoad
 
 
 def build_attached(
-    config: DeviceConfig, body: AbstractBody, cavities: Sequence[Cavity]
+    config: RobotSettings, body: AbstractBody, cavities: Sequence[Cavity]
 ) -> tuple[AbstractLoad, ...]:
     """The cables in their order, then the gas that is sealed in the cavities, on a body at rest.
 
@@ -29,13 +29,13 @@ def build_attached(
     return tuple(attached)
 
 
-def build_points(config: DeviceConfig, body: AbstractBody) -> MaterialPoints:
+def build_points(config: RobotSettings, body: AbstractBody) -> MaterialPoints:
     """The points of [[point]] in their order, none or more; ConfigError for one outside the body."""
     with config.told("point"):
         return MaterialPoints.embedded(body, np.array([point.at for point in config.points]))
 
 
-def build_centreline(config: DeviceConfig, body: AbstractBody) -> MaterialPoints:
+def build_centreline(config: RobotSettings, body: AbstractBody) -> MaterialPoints:
     """The points of [centreline] from base to tip; ConfigError without any, or for one outside the body."""
     if config.centreline is None:
         raise ConfigError(f"{config.path}: centreline: missing, needed to tell how the body bends")

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.config.design_plan import AXES, DesignPlan
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.errors import ConfigError
 from softfuse.mechanics.cable import PulledCable
 from softfuse.mechanics.model import Model, with_actuators
@@ -24,7 +24,7 @@ class CableRoute(eqx.Module):
     ties: tuple[Float[np.ndarray, "g 3 p"], ...]
 
     @classmethod
-    def of(cls, plan: DesignPlan, config: DeviceConfig) -> "CableRoute":
+    def of(cls, plan: DesignPlan, config: RobotSettings) -> "CableRoute":
         """Of a plan; raises ConfigError when the device has no such cable or guide."""
         drawn = [np.array(cable.guides) for cable in config.cables]
         ties = [np.zeros((*guides.shape, len(plan.parameters))) for guides in drawn]
@@ -53,7 +53,7 @@ class CableRoute(eqx.Module):
             jnp.asarray(drawn) + ties @ theta for drawn, ties in zip(self.drawn, self.ties, strict=True)
         )
 
-    def configured(self, config: DeviceConfig, theta: Float[np.ndarray, " p"]) -> DeviceConfig:
+    def configured(self, config: RobotSettings, theta: Float[np.ndarray, " p"]) -> RobotSettings:
         """The config with the guides of parameters (p,)."""
         cables = tuple(
             cable.model_copy(update={"guides": tuple(map(tuple, np.asarray(guides).tolist()))})

@@ -22,13 +22,13 @@ from softfuse.calibration.array_pose import PoseFit, PosePrior
 from softfuse.calibration.attached_adjustment import CableCompliances, CableZeros, DeadVolumes
 from softfuse.calibration.contact_places import ContactPlaces
 from softfuse.calibration.presses import Applied
-from softfuse.config.attached import ElectrodePlace
-from softfuse.config.build_mesh import DeviceMesh
+from softfuse.robot.points import ElectrodePlace
+from softfuse.robot.mesh import RobotMesh
 from softfuse.config.build_sweep import with_shortened
 from softfuse.config.contact import DiscSettings, PatchSettings
-from softfuse.config.device import DeviceConfig
-from softfuse.config.file import Edits, Key
-from softfuse.config.material import Material, OneModulus, SeveralModuli
+from softfuse.robot.settings import RobotSettings
+from softfuse.robot.file import Edits, Key
+from softfuse.robot.material import Material, OneModulus, SeveralModuli
 from softfuse.errors import ConfigError
 from softfuse.material.base import AbstractMaterial
 from softfuse.material.yeoh import Yeoh
@@ -36,7 +36,7 @@ from softfuse.mechanics.model import Model
 from softfuse.mechanics.punch import PunchContact
 
 
-def fitted_device(config: DeviceConfig, device: Model) -> Model:
+def fitted_device(config: RobotSettings, device: Model) -> Model:
     """A config's device as it is known in presses: its cables are shortened by lengths that are measured, or
     left alone, and it reads the volumes or the pressures of its cavities.
     """
@@ -46,7 +46,7 @@ def fitted_device(config: DeviceConfig, device: Model) -> Model:
     return replace(with_shortened(device, (lengths,) * cables), gauges=tuple(range(cables, cables + sealed)))
 
 
-def build_adjustments(config: DeviceConfig, device: Model, mesh: DeviceMesh) -> Adjustments:
+def build_adjustments(config: RobotSettings, device: Model, mesh: RobotMesh) -> Adjustments:
     """What [calibration] says may differ from the config, of its `fitted_device` on a mesh.
 
     Raises ConfigError when the device has no sensors, cables of unknown length, or nothing may differ.
@@ -81,7 +81,7 @@ def build_adjustments(config: DeviceConfig, device: Model, mesh: DeviceMesh) -> 
 
 
 def adjustments_of_presses(
-    config: DeviceConfig, adjustments: Adjustments, applied: Applied, called: dict[int, str]
+    config: RobotSettings, adjustments: Adjustments, applied: Applied, called: dict[int, str]
 ) -> Adjustments:
     """Those that presses, which people call something, have to do with: none of cables that none of them
     pulls, and besides where on its electrode each contact acts.
@@ -97,7 +97,7 @@ def adjustments_of_presses(
     return Adjustments(groups)
 
 
-def _attached_adjustments(config: DeviceConfig, device: Model) -> list[AbstractAdjustment]:
+def _attached_adjustments(config: RobotSettings, device: Model) -> list[AbstractAdjustment]:
     may, groups = config.calibration, list[AbstractAdjustment]()
     lengths = config.sensors is not None and config.sensors.cable is not None
     cables = [cable.name for cable in config.cables] if lengths else []
@@ -119,7 +119,7 @@ def _place_sigma(contact: PatchSettings, electrodes: Sequence[ElectrodePlace]) -
 
 
 def calibrated_edits(
-    config: DeviceConfig, device: Model, adjustments: Adjustments, value: Float[np.ndarray, " p"]
+    config: RobotSettings, device: Model, adjustments: Adjustments, value: Float[np.ndarray, " p"]
 ) -> Edits:
     """The edits of a config that make its device one with parameters (p,)."""
     made = adjustments.adjusted(device, value)
@@ -163,13 +163,13 @@ def calibrated_edits(
     return edits
 
 
-def build_pose_prior(config: DeviceConfig) -> PosePrior:
+def build_pose_prior(config: RobotSettings) -> PosePrior:
     """In which tolerance [calibration] says that the electrodes lie on the body."""
     may = config.calibration
     return PosePrior(may.array_shift, may.array_turn, may.array_stretch, may.array_sigma, may.array_dent)
 
 
-def pose_edits(config: DeviceConfig, pose: PoseFit | None) -> Edits:
+def pose_edits(config: RobotSettings, pose: PoseFit | None) -> Edits:
     """The edits of a config that put its crossed electrodes where presses found them; none without."""
     if pose is None:
         return {}
@@ -199,7 +199,7 @@ def _material(settings: Material, law: AbstractMaterial) -> dict[str, str | list
     return edits | {key: _megapascals(float(constant)) for key, constant in constants.items()}
 
 
-def _cavities(config: DeviceConfig, by_name: dict[str, float]) -> dict[Key, list[str]]:
+def _cavities(config: RobotSettings, by_name: dict[str, float]) -> dict[Key, list[str]]:
     edits: dict[Key, list[str]] = {}
     for k, cavity in enumerate(config.cavities):
         for what, drawn in (("shift", cavity.shift), ("growth", cavity.growth)):

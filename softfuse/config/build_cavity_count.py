@@ -1,12 +1,12 @@
 """The sensors of a device that gets another number of cavities than it has."""
 
 from softfuse.config.design_plan import DesignPlan
-from softfuse.config.device import DeviceConfig
-from softfuse.config.file import Edits
+from softfuse.robot.settings import RobotSettings
+from softfuse.robot.file import Edits
 from softfuse.errors import ConfigError
 
 
-def channel_edits(plan: DesignPlan, config: DeviceConfig) -> Edits:
+def channel_edits(plan: DesignPlan, config: RobotSettings) -> Edits:
     """The edits of a config that give each cavity of a plan a channel: its own as far as there are some, then
     one named after the cavity.
 

@@ -10,15 +10,15 @@ import tomlkit
 from jaxtyping import Array, Float
 from tomlkit.items import AoT
 
-from softfuse.config.body import BlockSource, FingerSource
+from softfuse.robot.body import BlockSource, FingerSource
 from softfuse.config.build_attached import build_centreline, build_points
 from softfuse.config.build_cable_route import CableRoute
 from softfuse.config.build_cavity_count import channel_edits
 from softfuse.config.build_device import build_device
 from softfuse.config.build_electrode_pitch import ElectrodePitch, touched
-from softfuse.config.build_mesh import device_mesh
+from softfuse.robot.mesh import robot_mesh
 from softfuse.config.build_sweep import build_series, places_of
-from softfuse.config.cavity_shapes import written_centre, written_shape
+from softfuse.robot.chamber_shapes import written_centre, written_shape
 from softfuse.config.design_plan import (
     AnyMeasure,
     DesignPlan,
@@ -30,11 +30,11 @@ from softfuse.config.design_plan import (
     PressMeasureSettings,
     SufferedSettings,
 )
-from softfuse.config.device import DeviceConfig
-from softfuse.config.file import edit, moved, saved
+from softfuse.robot.settings import RobotSettings
+from softfuse.robot.file import edit, moved, saved
 from softfuse.config.sweep_plan import SweepPlan
-from softfuse.design.layout import Parameter, TiedLayout
-from softfuse.design.layout_mesh import Fineness, LayoutMesh
+from softfuse.robot.layout.layout import Parameter, TiedLayout
+from softfuse.robot.layout.layout_mesh import Fineness, LayoutMesh
 from softfuse.design.limits import Limit
 from softfuse.design.objective import (
     AbstractMeasure,
@@ -52,7 +52,7 @@ from softfuse.design.objective import (
     Unevenness,
     WorstForceError,
 )
-from softfuse.design.outline import Outline
+from softfuse.robot.layout.outline import Outline
 from softfuse.design.problem import Problem, Walls, untouched
 from softfuse.design.search import SearchSettings
 from softfuse.errors import ConfigError
@@ -80,7 +80,7 @@ _PRESS = {
 _SUFFERED = {"closing": Closing, "strain": Strain}
 
 
-def build_layout(plan: DesignPlan, config: DeviceConfig) -> TiedLayout:
+def build_layout(plan: DesignPlan, config: RobotSettings) -> TiedLayout:
     """The layout of a plan, with parameters that are 0 as drawn.
 
     Raises ConfigError when the device's body is no block.
@@ -98,7 +98,7 @@ def build_layout(plan: DesignPlan, config: DeviceConfig) -> TiedLayout:
     return TiedLayout.of(_outside(plan, config), drawn, [parameter(each) for each in plan.parameters])
 
 
-def build_problem(plan: DesignPlan, config: DeviceConfig) -> Problem:
+def build_problem(plan: DesignPlan, config: RobotSettings) -> Problem:
     """The problem of a plan without its limits, which need the device as it is: see `build_limits`.
 
     Raises ConfigError as `build_layout` does, or when places and measures do not suit the device.
@@ -119,7 +119,7 @@ def build_problem(plan: DesignPlan, config: DeviceConfig) -> Problem:
 
     def build(mesh: LayoutMesh, theta: Float[np.ndarray, " p"]) -> Model:
         routed = route.configured(config, theta)
-        return build_device(routed, device_mesh(routed, mesh.mesh(theta), mesh.walls))
+        return build_device(routed, robot_mesh(routed, mesh.mesh(theta), mesh.walls))
 
     return Problem(
         layout=layout,
@@ -145,7 +145,7 @@ def limits_of(plan: DesignPlan) -> tuple[LimitSettings, ...]:
 
 
 def build_limits(
-    plan: DesignPlan, config: DeviceConfig, own: Answers, settings: Sequence[LimitSettings]
+    plan: DesignPlan, config: RobotSettings, own: Answers, settings: Sequence[LimitSettings]
 ) -> tuple[Limit, ...]:
     """Limits, those in parts of the device's own by its answers as it is."""
 
@@ -159,14 +159,14 @@ def build_limits(
 
 
 def limit_measures(
-    plan: DesignPlan, config: DeviceConfig, settings: Sequence[LimitSettings]
+    plan: DesignPlan, config: RobotSettings, settings: Sequence[LimitSettings]
 ) -> tuple[AbstractMeasure, ...]:
     """What limits are of."""
     _, names = build_places(plan, config)
     return tuple(build_measure(plan, each.of, names) for each in settings)
 
 
-def shown_units(config: DeviceConfig) -> ShownUnits:
+def shown_units(config: RobotSettings) -> ShownUnits:
     """In which units people read the measures of a device."""
     reading = ("mm³/N", 1e9) if config.gas is None else ("Pa/N", 1.0)
     return {"m": ("mm", 1e3), "m/N": ("mm/N", 1e3), "reading/N": reading}
@@ -178,7 +178,7 @@ def search_settings(plan: DesignPlan) -> SearchSettings:
     return SearchSettings(look.legs, look.iterations, look.move, look.improvement)
 
 
-def searched_config(plan: DesignPlan, config: DeviceConfig) -> DeviceConfig:
+def searched_config(plan: DesignPlan, config: RobotSettings) -> RobotSettings:
     """The config on whose mesh a plan searches; raises ConfigError where that has no such edges."""
     source = config.body.source
     for name in plan.search.edges:
@@ -191,13 +191,13 @@ def searched_config(plan: DesignPlan, config: DeviceConfig) -> DeviceConfig:
     return config.model_copy(update={"body": body})
 
 
-def finer_config(config: DeviceConfig, times: float) -> DeviceConfig:
+def finer_config(config: RobotSettings, times: float) -> RobotSettings:
     """The config whose mesh has so many times shorter edges, as far as these are configured."""
     body = config.body.model_copy(update={"source": config.body.source.finer(times)})
     return config.model_copy(update={"body": body})
 
 
-def build_places(plan: DesignPlan, config: DeviceConfig) -> tuple[Array, tuple[str, ...]]:
+def build_places(plan: DesignPlan, config: RobotSettings) -> tuple[Array, tuple[str, ...]]:
     """The places (s, 3, 3) where the device is pressed, and the names of electrodes.
 
     Raises ConfigError when the places do not suit the device.
@@ -242,20 +242,20 @@ def build_measure(plan: DesignPlan, settings: AnyMeasure, names: Sequence[str]) 
             return PairError(jnp.array([[names.index(name) for name in pair] for pair in settings.pairs]))
 
 
-def _noise(config: DeviceConfig, plan: DesignPlan) -> Float[np.ndarray, " k"]:
+def _noise(config: RobotSettings, plan: DesignPlan) -> Float[np.ndarray, " k"]:
     if config.gas is None:
         return np.full(len(plan.cavities), plan.noise.volume)
     cables = np.full(len(config.cables), plan.noise.shortening)
     return np.append(cables, np.full(len(plan.cavities), plan.noise.pressure))
 
 
-def _watched(config: DeviceConfig, device: Model) -> MaterialPoints | None:
+def _watched(config: RobotSettings, device: Model) -> MaterialPoints | None:
     if config.centreline is not None:
         return build_centreline(config, device.body)
     return build_points(config, device.body) if config.points else None
 
 
-def _outside(plan: DesignPlan, config: DeviceConfig) -> Outline:
+def _outside(plan: DesignPlan, config: RobotSettings) -> Outline:
     match config.body.source:
         case BlockSource() as source:
             return Outline.of_size(source.size)
@@ -268,7 +268,7 @@ def _outside(plan: DesignPlan, config: DeviceConfig) -> Outline:
             )
 
 
-def _fineness(plan: DesignPlan, config: DeviceConfig) -> Fineness:
+def _fineness(plan: DesignPlan, config: RobotSettings) -> Fineness:
     source = config.body.source
     if isinstance(source, BlockSource):
         longest = finer_to_the_top(
@@ -307,11 +307,11 @@ def _numbered(name: str, numbers: dict[str, int]) -> str:
 
 def save_designed(
     plan: DesignPlan,
-    config: DeviceConfig,
+    config: RobotSettings,
     mesh: LayoutMesh,
     theta: Float[np.ndarray, " p"],
     target: Path,
-) -> DeviceConfig:
+) -> RobotSettings:
     """Write the config of the device whose cavities have parameters (p,), all else and its comments kept, and
     return it: a "layout" where the outside is a block, else a mesh in a file next to it.
 

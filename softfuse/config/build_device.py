@@ -10,10 +10,10 @@ from softfuse.body.body import Body
 from softfuse.body.element import ELEMENTS
 from softfuse.body.stiffness_field import with_field
 from softfuse.config.build_attached import build_attached
-from softfuse.config.build_material import build_materials
-from softfuse.config.build_mesh import DeviceMesh, build_mesh
+from softfuse.robot.laws import materials_of
+from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.config.contact import PatchSettings, PunchSettings, UniformSettings
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.errors import ConfigError
 from softfuse.estimation.estimator import StepSettings
 from softfuse.estimation.limits import Limits, Rates
@@ -30,7 +30,7 @@ CONTACT_MODELS = {"punch": PunchSettings.cells, "uniform": UniformSettings.cells
 """Pressure cells of each disc that a contact may be."""
 
 
-def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Model:
+def build_device(config: RobotSettings, mesh: RobotMesh | None = None) -> Model:
     """The device of a config, on its own mesh or one that was built before.
 
     Raises ConfigError when the config has no contact, MeshError when the mesh is not fit for it.
@@ -40,7 +40,7 @@ def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Model:
     mesh = build_mesh(config) if mesh is None else mesh
     body = Body.from_mesh(
         mesh.mesh,
-        build_materials(config),
+        materials_of(config.body),
         mesh.fixed,
         element=ELEMENTS[config.body.element],
         densities=[material.density for material in config.body.materials],
@@ -60,12 +60,12 @@ def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Model:
     return Model(body, tuple(readings), (contact,), Multifrontal.plan(body), actuators)
 
 
-def electrode_places(config: DeviceConfig) -> Float[np.ndarray, "e 3 3"]:
+def electrode_places(config: RobotSettings) -> Float[np.ndarray, "e 3 3"]:
     """The places of the electrodes of a config, the first tangent along their spans."""
     return np.array([electrode.place for electrode in config.electrodes]).reshape(-1, 3, 3)
 
 
-def _check_electrodes(config: DeviceConfig, contact: PatchContact, body: Body) -> None:
+def _check_electrodes(config: RobotSettings, contact: PatchContact, body: Body) -> None:
     def landed(place):
         patches = contact.at(place)
         middles = jnp.stack([patch.location for patch in patches])
@@ -93,7 +93,7 @@ def with_contact_model(device: Model, model: str) -> Model:
     return eqx.tree_at(lambda d: d.contacts[0].disc.cells, device, CONTACT_MODELS[model]())
 
 
-def build_limits(config: DeviceConfig, contacts: int) -> Limits:
+def build_limits(config: RobotSettings, contacts: int) -> Limits:
     """Bounds and regularisation of the estimate with the forces of so many contacts, then cables, then sealed
     cavities.
 
@@ -121,7 +121,7 @@ def build_limits(config: DeviceConfig, contacts: int) -> Limits:
     )
 
 
-def build_rates(config: DeviceConfig, contacts: int) -> Rates:
+def build_rates(config: RobotSettings, contacts: int) -> Rates:
     """How fast the drives of `build_limits` and what answers them may change: limited for cables only."""
     if config.contact is None:
         raise ConfigError(f"{config.path}: contact: missing, needed to know the drives of the estimate")
@@ -132,7 +132,7 @@ def build_rates(config: DeviceConfig, contacts: int) -> Rates:
     return Rates(*(jnp.array([*before, *cables, *after], float) for cables in (tension, length)))
 
 
-def build_step_settings(config: DeviceConfig) -> StepSettings:
+def build_step_settings(config: RobotSettings) -> StepSettings:
     """How the estimate steps are run."""
     given = config.estimator
     return StepSettings(steps_per_frame=given.steps_per_frame, catch_up_steps=given.catch_up_steps)

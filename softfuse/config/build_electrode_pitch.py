@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.config.body import BlockSource
+from softfuse.robot.body import BlockSource
 from softfuse.config.build_mutual import mutual_grid
 from softfuse.config.build_sensors import contact_peak
 from softfuse.config.design_plan import DesignPlan
-from softfuse.config.device import DeviceConfig
-from softfuse.config.file import Edits
+from softfuse.robot.settings import RobotSettings
+from softfuse.robot.file import Edits
 from softfuse.config.mutual import MutualSettings
 from softfuse.config.sensors import CapacitiveSettings
 from softfuse.errors import ConfigError
@@ -31,7 +31,7 @@ class ElectrodePitch(eqx.Module):
     ties: Float[np.ndarray, "2 p"]
 
     @classmethod
-    def of(cls, plan: DesignPlan, config: DeviceConfig) -> "ElectrodePitch":
+    def of(cls, plan: DesignPlan, config: RobotSettings) -> "ElectrodePitch":
         """Of a plan; raises ConfigError when it changes lines of a device that has none, or bounds let them
         leave the body or cross each other.
         """
@@ -62,7 +62,7 @@ class ElectrodePitch(eqx.Module):
         )
         return columns, rows
 
-    def edits(self, config: DeviceConfig, theta: Float[np.ndarray, " p"]) -> Edits:
+    def edits(self, config: RobotSettings, theta: Float[np.ndarray, " p"]) -> Edits:
         """The edits of a config that give it the lines of parameters (p,); none where these do not change."""
         if not self.ties.any():
             return {}
@@ -75,7 +75,7 @@ class ElectrodePitch(eqx.Module):
         }
         return edits
 
-    def _check(self, plan: DesignPlan, config: DeviceConfig) -> None:
+    def _check(self, plan: DesignPlan, config: RobotSettings) -> None:
         bounds = np.array([parameter.bounds for parameter in plan.parameters])
         for axis, (kind, drawn) in enumerate(zip(_KINDS, self.drawn, strict=True)):
             ties = self.ties[axis]
@@ -100,7 +100,7 @@ class ElectrodePitch(eqx.Module):
 
 
 def touched(
-    plan: DesignPlan, config: DeviceConfig, pitch: ElectrodePitch, places: Float[Array, "s 3 3"]
+    plan: DesignPlan, config: RobotSettings, pitch: ElectrodePitch, places: Float[Array, "s 3 3"]
 ) -> Callable[[Array], Float[Array, "s 2 2"]]:
     """Information (s, 2, 2) 1/m² of the electrodes with parameters (p,) on places (s, 3, 3) of contacts.
 
@@ -137,6 +137,6 @@ def touched(
     )
 
 
-def _lines(config: DeviceConfig) -> CapacitiveSettings | MutualSettings | None:
+def _lines(config: RobotSettings) -> CapacitiveSettings | MutualSettings | None:
     sensors = config.sensors
     return None if sensors is None else sensors.crossed or sensors.grid

@@ -16,7 +16,7 @@ from softfuse.config.build_virtual import build_plan
 from softfuse.config.build_virtual_finger import FingerPlan
 from softfuse.config.build_virtual_pad import PadPlan, within
 from softfuse.config.contact import DiscSettings
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.experiment.finger_bed import TABLE_III
 from softfuse.experiment.finger_pushes import Push, Steps, equilibria
 from softfuse.experiment.virtual_finger import DRAWING, FingerErrors, FingerSettings
@@ -53,7 +53,7 @@ class Bed:
     told: dict[str, str]
 
 
-def build_bed(config: DeviceConfig, *, grid: int, seed: int) -> Bed:
+def build_bed(config: RobotSettings, *, grid: int, seed: int) -> Bed:
     """The pad's presses on a grid of `grid` times `grid` places at three forces, or the finger's pushes.
 
     Raises ConfigError when the config is none of a pad, a layout or a finger with sensors.

@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.config.sealed_sensors import ElectrodeSettings, LeakSettings, PressureSettings, TareSettings
 from softfuse.errors import ConfigError
 from softfuse.sensors import (
@@ -20,7 +20,7 @@ from softfuse.sensors import (
 )
 
 
-def build_finger_sensors(config: DeviceConfig) -> tuple[PressureSensor, ElectrodeDetector]:
+def build_finger_sensors(config: RobotSettings) -> tuple[PressureSensor, ElectrodeDetector]:
     """The pressure sensors and the electrodes; raises ConfigError when the device has others or none."""
     if config.sensors is None:
         raise ConfigError(f"{config.path}: sensors: missing, needed to estimate from a recording")

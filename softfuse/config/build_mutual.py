@@ -5,7 +5,7 @@ import numpy as np
 
 from softfuse.config.build_sensors import flow_sensor
 from softfuse.config.contact import DiscSettings
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.config.mutual import MutualSettings
 from softfuse.errors import ConfigError
 from softfuse.functional.chart import FlatChart
@@ -17,7 +17,7 @@ from softfuse.sensors.mutual_senses import MutualSenses
 from softfuse.sensors.touch_tracks import touch_follower
 
 
-def build_mutual_senses(config: DeviceConfig) -> MutualSenses:
+def build_mutual_senses(config: RobotSettings) -> MutualSenses:
     """The flow sensors and the grid; raises ConfigError when the device has others, or no discs press."""
     if config.sensors is None:
         raise ConfigError(f"{config.path}: sensors: missing, needed to estimate from a recording")

@@ -11,8 +11,8 @@ from jaxtyping import Array, Float
 from softfuse.body.body import Body
 from softfuse.config.build_device import build_limits, electrode_places
 from softfuse.config.contact import DiscSettings
-from softfuse.config.device import DeviceConfig
-from softfuse.config.digest import digest
+from softfuse.robot.settings import RobotSettings
+from softfuse.robot.digest import digest
 from softfuse.errors import ConfigError, SolveError
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.punch import PunchContact
@@ -33,7 +33,7 @@ _LIGHT = 1e-2
 """Of the largest force: so little that a body answers to it as at rest."""
 
 
-def build_regions(config: DeviceConfig) -> AbstractRegions:
+def build_regions(config: RobotSettings) -> AbstractRegions:
     """The cells of a disc's workspace, or the electrodes that are pushed at.
 
     Raises ConfigError when the config has no contact.
@@ -47,13 +47,13 @@ def build_regions(config: DeviceConfig) -> AbstractRegions:
     return Cells.over(low, high, config.reduction.cell, config.contact.direction)
 
 
-def reduction_mark(config: DeviceConfig) -> str:
+def reduction_mark(config: RobotSettings) -> str:
     """What tells two reduced devices apart: a digest of all settings that have a say."""
     parts = {"body", "cavities", "cables", "gas", "contact", "electrodes", "reduction"}
     return f"{_REVISION}-{digest(config, parts)}"
 
 
-def with_charts(config: DeviceConfig, device: Model, folder: Path | None) -> Model | Atlas:
+def with_charts(config: RobotSettings, device: Model, folder: Path | None) -> Model | Atlas:
     """The charts of a folder that were made of the config's device; the device itself without a folder.
 
     Raises ConfigError when the config has no contact, SoftfuseError when a chart is missing, damaged or
@@ -68,7 +68,7 @@ def with_charts(config: DeviceConfig, device: Model, folder: Path | None) -> Mod
 class Teacher:
     """Makes the charts of a full device, which has that stiffness at rest."""
 
-    config: DeviceConfig
+    config: RobotSettings
     device: Model
     stiffness: RestStiffness
     regions: AbstractRegions

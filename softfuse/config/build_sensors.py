@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.config.sensors import CapacitiveSettings, FlowSettings
 from softfuse.errors import ConfigError
 from softfuse.sensors import (
@@ -21,7 +21,7 @@ from softfuse.sensors import (
 )
 
 
-def build_sensors(config: DeviceConfig) -> PadSensors:
+def build_sensors(config: RobotSettings) -> PadSensors:
     """All measurement models of a pad; raises ConfigError when the device has other sensors or none, or no
     contact radius.
     """

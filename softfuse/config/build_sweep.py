@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from softfuse.body.body import Body
 from softfuse.config.build_device import electrode_places
-from softfuse.config.build_material import build_materials
+from softfuse.robot.laws import materials_of
 from softfuse.config.contact import DiscSettings, PatchSettings
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.config.sweep_plan import (
     DiscPlaces,
     ElectrodePlaces,
@@ -35,7 +35,7 @@ Disc = tuple[float, float]
 Sets = list[tuple[Disc, ...]] | list[tuple[int, ...]]
 
 
-def build_series(plan: SweepPlan, config: DeviceConfig) -> list[Series]:
+def build_series(plan: SweepPlan, config: RobotSettings) -> list[Series]:
     """The series of a plan, one after the other; the number of each first case counts from 0.
 
     Raises ConfigError with the plan's file and key when the plan does not suit the device.
@@ -51,7 +51,7 @@ def build_series(plan: SweepPlan, config: DeviceConfig) -> list[Series]:
     ]
 
 
-def places_of(config: DeviceConfig, series: Series) -> Float[np.ndarray, "c 3 3"]:
+def places_of(config: RobotSettings, series: Series) -> Float[np.ndarray, "c 3 3"]:
     """The places (c, 3, 3) of a series."""
     if isinstance(config.contact, DiscSettings):
         points = [(*place, 0.0) for place in series.places if not isinstance(place, int)]
@@ -59,7 +59,7 @@ def places_of(config: DeviceConfig, series: Series) -> Float[np.ndarray, "c 3 3"
     return electrode_places(config)[np.array(series.places, int)]
 
 
-def shortened_cables(plan: SweepPlan, config: DeviceConfig) -> tuple[bool, ...]:
+def shortened_cables(plan: SweepPlan, config: RobotSettings) -> tuple[bool, ...]:
     """Of each of the config's cables, whether the plan shortens it; it is pulled otherwise."""
     by_length = {cable.name for cable in plan.cables if cable.shortening is not None}
     return tuple(cable.name in by_length for cable in config.cables)
@@ -75,11 +75,11 @@ def with_shortened(device: Model, shortened: tuple[bool, ...]) -> Model:
     return replace(device, actuators=(*cables, *device.actuators[count:]))
 
 
-def with_moduli(device: Model, config: DeviceConfig, factor: float) -> Model:
+def with_moduli(device: Model, config: RobotSettings, factor: float) -> Model:
     """A device of a config with all moduli of all materials multiplied by a factor."""
     scaled = tuple(each.model_copy(update=each.stiffness_times(factor)) for each in config.body.materials)
     settings = config.body.model_copy(update={"materials": scaled})
-    materials = build_materials(config.model_copy(update={"body": settings}))
+    materials = materials_of(config.model_copy(update={"body": settings}).body)
     assert isinstance(device.body, Body)  # as devices are built from configurations
     body = device.body.with_materials(materials)
     # As if it had been built of these materials.
@@ -91,7 +91,7 @@ def _check_count(plan: SweepPlan, cases: int) -> None:
         raise ConfigError(f"{plan.path}: these are {cases} cases: plan at most {MOST_CASES}")
 
 
-def _cable_levels(plan: SweepPlan, config: DeviceConfig) -> list[tuple[float, ...]]:
+def _cable_levels(plan: SweepPlan, config: RobotSettings) -> list[tuple[float, ...]]:
     names = [cable.name for cable in config.cables]
     levels: dict[str, tuple[float, ...]] = dict.fromkeys(names, (0.0,))
     for k, cable in enumerate(plan.cables):
@@ -105,7 +105,7 @@ def _cable_levels(plan: SweepPlan, config: DeviceConfig) -> list[tuple[float, ..
     return list(levels.values())
 
 
-def _place_sets(plan: SweepPlan, config: DeviceConfig) -> Sets:
+def _place_sets(plan: SweepPlan, config: RobotSettings) -> Sets:
     places = plan.places
     match config.contact, places:
         case None, _:
@@ -128,7 +128,7 @@ def _place_sets(plan: SweepPlan, config: DeviceConfig) -> Sets:
     raise AssertionError("every contact has its kinds of places")
 
 
-def _electrode_sets(places: ElectrodePlaces, plan: SweepPlan, config: DeviceConfig) -> list[tuple[int, ...]]:
+def _electrode_sets(places: ElectrodePlaces, plan: SweepPlan, config: RobotSettings) -> list[tuple[int, ...]]:
     known = [electrode.name for electrode in config.electrodes]
     names = known if places.names is None else places.names
     for k, name in enumerate(names):

@@ -8,7 +8,7 @@ from softfuse.config.build_finger_sensors import build_finger_sensors
 from softfuse.config.build_mutual import build_mutual_senses
 from softfuse.config.build_sensors import build_sensors
 from softfuse.config.contact import DiscSettings, PatchSettings
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.errors import ConfigError
 from softfuse.estimation.model_error import ModelError
 from softfuse.estimation.reading_spread import read_spread
@@ -26,7 +26,7 @@ from softfuse.sensors.senses import AbstractSenses
 _LOCATE = {"peak-fit": fitted_location, "weighted-mean": mean_location}
 
 
-def build_senses(config: DeviceConfig) -> AbstractSenses:
+def build_senses(config: RobotSettings) -> AbstractSenses:
     """The config's sensors, in the terms of the estimator.
 
     Raises ConfigError when it has no sensors, or a contact that they cannot find.
@@ -38,7 +38,7 @@ def build_senses(config: DeviceConfig) -> AbstractSenses:
     return build_mutual_senses(config) if config.sensors.grid else _pad_senses(config)
 
 
-def _pad_senses(config: DeviceConfig) -> PadSenses:
+def _pad_senses(config: RobotSettings) -> PadSenses:
     sensors = build_sensors(config)
     assert config.sensors is not None
     if not isinstance(config.contact, DiscSettings):
@@ -51,7 +51,7 @@ def _pad_senses(config: DeviceConfig) -> PadSenses:
     return PadSenses(sensors, low_high, _LOCATE[config.sensors.capacitive.location], _pose(config), chart)
 
 
-def _pose(config: DeviceConfig) -> ArrayPose:
+def _pose(config: RobotSettings) -> ArrayPose:
     assert config.sensors is not None
     pose = config.sensors.capacitive.pose
     return ArrayPose(
@@ -63,7 +63,7 @@ def _pose(config: DeviceConfig) -> ArrayPose:
     )
 
 
-def _finger_senses(config: DeviceConfig) -> FingerSenses:
+def _finger_senses(config: RobotSettings) -> FingerSenses:
     pressure, electrodes = build_finger_sensors(config)
     assert config.sensors is not None
     if not isinstance(config.contact, PatchSettings):
@@ -88,7 +88,7 @@ def _finger_senses(config: DeviceConfig) -> FingerSenses:
     )
 
 
-def build_model_error(config: DeviceConfig) -> ModelError:
+def build_model_error(config: RobotSettings) -> ModelError:
     """By how much the config's model may be wrong; raises SoftfuseError when the file of its spread is not
     that of such a device.
     """
@@ -100,7 +100,7 @@ def build_model_error(config: DeviceConfig) -> ModelError:
     return ModelError(part, spread=read_spread(path, len(config.cavities)))
 
 
-def build_tracker(config: DeviceConfig, device: Model | Atlas) -> Tracker:
+def build_tracker(config: RobotSettings, device: Model | Atlas) -> Tracker:
     """The tracker of the config's sensors on the device, or on the charts of it; compiled.
 
     Raises ConfigError when the config has no sensors or no contact.
@@ -113,7 +113,7 @@ def build_tracker(config: DeviceConfig, device: Model | Atlas) -> Tracker:
     return Tracker(senses, device, limits, settings, steps, workspace=build_workspace(config))
 
 
-def build_workspace(config: DeviceConfig) -> FlatWorkspace | None:
+def build_workspace(config: RobotSettings) -> FlatWorkspace | None:
     """Where discs may press; None where contacts are at electrodes."""
     if not isinstance(config.contact, DiscSettings):
         return None

@@ -8,11 +8,11 @@ errors of making and the zeros of the sensors are its own, so that the estimator
 from dataclasses import dataclass
 from pathlib import Path
 
-from softfuse.config.body import BlockSource, FingerSource
-from softfuse.config.build_material import build_materials
+from softfuse.robot.body import BlockSource, FingerSource
+from softfuse.robot.laws import materials_of
 from softfuse.config.build_virtual_finger import FingerPlan, finger_plan
 from softfuse.config.build_virtual_pad import PadPlan, pad_plan
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.errors import ConfigError
 from softfuse.experiment.channel_electronics import ChannelElectronics
 from softfuse.experiment.programme import Programme
@@ -31,7 +31,7 @@ class VirtualBody:
     boards: tuple[tuple[str, ...], tuple[str, ...]]
 
 
-def build_virtual(config: DeviceConfig, *, folder: Path | None, seed: int) -> VirtualBody:
+def build_virtual(config: RobotSettings, *, folder: Path | None, seed: int) -> VirtualBody:
     """A virtual body for the config, whose equilibria are kept in a folder; None: nowhere.
 
     seed: of the zeros and gains of its sensors; the body is always the same. Raises ConfigError when the
@@ -50,13 +50,13 @@ def build_virtual(config: DeviceConfig, *, folder: Path | None, seed: int) -> Vi
     )
 
 
-def build_plan(config: DeviceConfig) -> PadPlan | FingerPlan:
+def build_plan(config: RobotSettings) -> PadPlan | FingerPlan:
     """What a virtual body for the config is, and what is done to it; ConfigError as `build_virtual`."""
     if config.sensors is None:
         raise ConfigError(f"{config.path}: sensors: missing, a virtual device has nothing to send")
     if len(config.body.materials) != 1:
         raise ConfigError(f"{config.path}: body.material: a virtual body is of one material")
-    (material,) = build_materials(config)
+    (material,) = materials_of(config.body)
     shear = float(material.shear_modulus())
     poisson = 0.5 * float(material.lame) / (float(material.lame) + shear)
     match config.body.source:

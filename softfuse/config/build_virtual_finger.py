@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from softfuse.config.attached import ElectrodePlace
-from softfuse.config.body import FingerSource
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.points import ElectrodePlace
+from softfuse.robot.body import FingerSource
+from softfuse.robot.settings import RobotSettings
 from softfuse.errors import ConfigError
 from softfuse.experiment.channel_electronics import ChannelElectronics
 from softfuse.experiment.finger_electronics import Electronics
@@ -70,7 +70,7 @@ class FingerPlan:
 
 
 def finger_plan(
-    config: DeviceConfig, source: FingerSource, shear_modulus: float, poisson: float
+    config: RobotSettings, source: FingerSource, shear_modulus: float, poisson: float
 ) -> FingerPlan:
     """The plan for a finger of a shear modulus [Pa] and Poisson's ratio [-].
 
@@ -138,7 +138,7 @@ def finger_plan(
     )
 
 
-def _number(config: DeviceConfig, k: int, middles: Sequence[float], electrode: ElectrodePlace) -> int:
+def _number(config: RobotSettings, k: int, middles: Sequence[float], electrode: ElectrodePlace) -> int:
     """Number of a config's electrode on the virtual finger."""
     direction = np.array(electrode.direction) / np.linalg.norm(electrode.direction)
     for side in SIDES:

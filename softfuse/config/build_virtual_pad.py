@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.config.body import BlockSource
+from softfuse.robot.body import BlockSource
 from softfuse.config.contact import DiscSettings
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.config.mutual import MutualSettings
 from softfuse.config.sensor_set import SensorSettings
 from softfuse.config.sensors import CapacitiveSettings
@@ -78,7 +78,7 @@ class PadPlan:
         return self.parts.channels(len(self.flows), len(self.electrodes), seed)
 
 
-def pad_plan(config: DeviceConfig, source: BlockSource, shear_modulus: float, poisson: float) -> PadPlan:
+def pad_plan(config: RobotSettings, source: BlockSource, shear_modulus: float, poisson: float) -> PadPlan:
     """The plan for a pad of a shear modulus [Pa] and Poisson's ratio [-]; raises ConfigError for another
     contact than a disc from above, or other sensors.
     """

@@ -2,14 +2,14 @@
 
 from softfuse.config.build_attached import build_centreline, build_points
 from softfuse.config.build_device import electrode_places
-from softfuse.config.build_mesh import DeviceMesh
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.mesh import RobotMesh
+from softfuse.robot.settings import RobotSettings
 from softfuse.experiment.posture import Watched
 from softfuse.mechanics.model import Model
 from softfuse.mesh.surface import outer_surface
 
 
-def build_watched(config: DeviceConfig, device: Model, mesh: DeviceMesh) -> Watched:
+def build_watched(config: RobotSettings, device: Model, mesh: RobotMesh) -> Watched:
     """The points, the centreline if there is one, and the electrodes of a config, on its device and mesh.
 
     Raises ConfigError for a point outside the body.

@@ -8,8 +8,8 @@ from typing import Annotated, Literal, Self
 from annotated_types import Ge, Gt
 from pydantic import BeforeValidator, Field, model_validator
 
-from softfuse.config.cavity_shapes import RoundedBoxSettings, SuperellipsoidSettings
-from softfuse.config.file import file_text, validated
+from softfuse.robot.chamber_shapes import RoundedBoxSettings, SuperellipsoidSettings
+from softfuse.robot.file import file_text, validated
 from softfuse.config.sweep_plan import AnyPlaces
 from softfuse.io.quantity import (
     ANGLE,

@@ -11,7 +11,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le
 from pydantic import BeforeValidator, Field, model_validator
 
-from softfuse.config.file import file_text, validated
+from softfuse.robot.file import file_text, validated
 from softfuse.io.quantity import (
     Force,
     Integer,

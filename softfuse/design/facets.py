@@ -10,8 +10,8 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from softfuse.design.cavity_shape import CavityShape
-from softfuse.design.cube_sphere import cube_sphere
+from softfuse.robot.layout.cavity_shape import CavityShape
+from softfuse.robot.layout.cube_sphere import cube_sphere
 from softfuse.errors import SoftfuseError
 
 _CELLS = 12

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.design.casting import Casting, notch_solid, outline_solid
-from softfuse.design.outline import Outline
+from softfuse.robot.layout.outline import Outline
 from softfuse.design.port import Rod, box_solid, prism
 from softfuse.errors import MeshError, SoftfuseError
 

@@ -19,8 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.design.layout import AbstractLayout
-from softfuse.design.outline import NORMALS, SIDES, Outline
+from softfuse.robot.layout.layout import AbstractLayout
+from softfuse.robot.layout.outline import NORMALS, SIDES, Outline
 from softfuse.errors import MeshError, SoftfuseError
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
 
-from softfuse.design.layout import AbstractLayout
+from softfuse.robot.layout.layout import AbstractLayout
 from softfuse.design.problem import Geometry
 from softfuse.errors import SoftfuseError
 

@@ -8,7 +8,7 @@ from annotated_types import Ge, Le
 from pydantic import model_validator
 
 from softfuse.body.base import AbstractBody
-from softfuse.config.attached import Path3
+from softfuse.robot.points import Path3
 from softfuse.io.quantity import (
     FORCE,
     LENGTH,

@@ -15,8 +15,8 @@ from jaxtyping import Bool, Float
 from softfuse.body.body import Body
 from softfuse.body.element import ELEMENTS
 from softfuse.body.stiffness_field import with_field
-from softfuse.config.build_material import materials_of
-from softfuse.config.build_mesh import DeviceMesh, build_mesh
+from softfuse.robot.laws import materials_of
+from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.errors import ConfigError
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.workspace import AbstractWorkspace
@@ -66,7 +66,7 @@ class Robot:
     """
 
     settings: RobotSettings
-    mesh: DeviceMesh
+    mesh: RobotMesh
     parts: Parts
     model: Model
     suite: SensorSuite
@@ -89,7 +89,7 @@ class Robot:
         return flags
 
 
-def build_robot(settings: RobotSettings, mesh: DeviceMesh | None = None) -> Robot:
+def build_robot(settings: RobotSettings, mesh: RobotMesh | None = None) -> Robot:
     """The robot of its settings, on its own mesh or one that was built before.
 
     Raises ConfigError with the key's path where parts do not go together, MeshError when the mesh is not fit
@@ -136,7 +136,7 @@ def build_robot(settings: RobotSettings, mesh: DeviceMesh | None = None) -> Robo
     return Robot(settings, mesh, parts, model, suite, addresses, _commands(settings, drives), workspaces)
 
 
-def _body(settings: RobotSettings, mesh: DeviceMesh) -> Body:
+def _body(settings: RobotSettings, mesh: RobotMesh) -> Body:
     body = Body.from_mesh(
         mesh.mesh,
         materials_of(settings.body),

@@ -6,17 +6,22 @@ from typing import Annotated, Self, Union
 from annotated_types import Ge
 from pydantic import Field, model_validator
 
-from softfuse.config.attached import CentrelineSettings, PointSettings
-from softfuse.config.body import BodySettings
-from softfuse.config.calibration import CalibrationSettings
-from softfuse.config.device import NameSettings
-from softfuse.config.reduction import ReductionSettings
-from softfuse.config.source import AnySource, check_sources
+from softfuse.robot.points import CentrelineSettings, PointSettings
+from softfuse.robot.body import BodySettings
+from softfuse.robot.tolerances import CalibrationSettings
+from softfuse.robot.reduction import ReductionSettings
+from softfuse.robot.source import AnySource, check_sources
 from softfuse.io.quantity import Integer, Number, PositiveInteger, PositiveLength, PositiveNumber, wrong_value
 from softfuse.io.settings import ExistingFile, FileSettings, Settings
 from softfuse.robot.actuators import CableSettings, ChamberSettings, EnvironmentSettings
 from softfuse.robot.contacts import AnyContact
 from softfuse.sensors.registry import SENSORS
+
+
+class NameSettings(Settings):
+    """What people call the robot."""
+
+    name: str
 
 
 AnySensor = Annotated[Union[tuple(SENSORS.values())], Field(discriminator="type")]

@@ -10,7 +10,7 @@ import pytest
 from softfuse.calibration.contact_places import ContactPlaces
 from softfuse.calibration.fit import Fit, fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
-from softfuse.config import DeviceConfig, load, save_edited
+from softfuse.robot.file import RobotSettings, load, save_edited
 from softfuse.config.build_calibration import (
     adjustments_of_presses,
     build_adjustments,
@@ -18,7 +18,7 @@ from softfuse.config.build_calibration import (
     fitted_device,
 )
 from softfuse.config.build_device import build_device
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.mesh import build_mesh
 
 ATMOSPHERE = 101325.0
 NOISE = 3.0
@@ -41,7 +41,7 @@ CALLED = {k: str(k) for k in range(4)}
 
 
 @pytest.fixture(scope="module")
-def config(linear_finger: Callable[..., Path]) -> DeviceConfig:
+def config(linear_finger: Callable[..., Path]) -> RobotSettings:
     narrow = 'cavity_shift = "0 mm"\ncavity_growth = "0.1 mm"\ncable_compliance = 1.0'
     line = 'compliance = "0.06 mm/N"\nfriction = 0.0'
     changes = (("[estimator]", f"[calibration]\n{narrow}\n\n[estimator]"), ("friction = 0.0", line))
@@ -57,7 +57,7 @@ def applied() -> Applied:
 
 
 @pytest.fixture(scope="module")
-def adjustable(config: DeviceConfig, applied: Applied) -> Adjustable:
+def adjustable(config: RobotSettings, applied: Applied) -> Adjustable:
     mesh = build_mesh(config)
     device = fitted_device(config, build_device(config, mesh))
     may_differ = build_adjustments(config, device, mesh)
@@ -129,7 +129,7 @@ def test_a_push_is_named_by_where_it_presses() -> None:
 
 
 def test_of_cables_that_nothing_pulls_nothing_is_fitted(
-    config: DeviceConfig, adjustable: Adjustable, applied: Applied
+    config: RobotSettings, adjustable: Adjustable, applied: Applied
 ) -> None:
     unpulled = replace(applied, prescribed=np.where(applied.prescribed < 1, 1e-5, applied.prescribed))
     names = adjustments_of_presses(config, adjustable.adjustments, unpulled, CALLED).names
@@ -160,7 +160,7 @@ def test_gain_and_dead_volume_of_a_cavity_are_hard_to_tell_apart(found: Fit) -> 
 
 @pytest.mark.slow
 def test_the_config_that_is_written_is_that_finger(
-    config: DeviceConfig, adjustable: Adjustable, made: np.ndarray, tmp_path: Path, applied: Applied
+    config: RobotSettings, adjustable: Adjustable, made: np.ndarray, tmp_path: Path, applied: Applied
 ) -> None:
     mesh = build_mesh(config)
     device = fitted_device(config, build_device(config, mesh))

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.config import DeviceConfig, load
+from softfuse.robot.file import RobotSettings, load
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz"
@@ -21,11 +21,11 @@ def fitted(code_of: Callable[..., int], tmp_path_factory: pytest.TempPathFactory
 
 
 @pytest.fixture(scope="module")
-def config(fitted: Path) -> DeviceConfig:
+def config(fitted: Path) -> RobotSettings:
     return load(fitted)
 
 
-def test_what_was_fitted_is_in_the_config(config: DeviceConfig) -> None:
+def test_what_was_fitted_is_in_the_config(config: RobotSettings) -> None:
     assert config.body.materials[0].law == "yeoh"
     # A coarse body is too stiff by itself.
     assert 0.6e6 / 6 * 0.6 < config.body.materials[0].c1 < 0.6e6 / 6 * 1.3

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests" / "data" / "finger_one_push.csv.gz"

@@ -9,8 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from softfuse.cli.design_report import across_meshes
-from softfuse.config import load
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.file import load
+from softfuse.robot.mesh import build_mesh
 from softfuse.design.problem import Value
 from softfuse.design.search import Trial
 

@@ -17,7 +17,7 @@ from softfuse.cli import doctor_computing, doctor_installed, doctor_sources
 from softfuse.cli.doctor_computing import check_cache, check_devices, check_solvers
 from softfuse.cli.doctor_installed import check_requirements
 from softfuse.cli.finding import Finding, findings_table
-from softfuse.config.source import SoftfuseSource
+from softfuse.robot.source import SoftfuseSource
 from softfuse.hardware.source.listening import Heard
 from softfuse.hardware.source.serial_ports import SerialPort
 from softfuse.hardware.wire.channel import Channel, RawType

@@ -14,9 +14,9 @@ import pytest
 from softfuse.cli.estimate import study_of
 from softfuse.cli.recording_report import EstimateRows, summary, write_report
 from softfuse.cli.study import Estimated
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.mesh import build_mesh
 from softfuse.estimation.tracked import Tracked
 from softfuse.hardware.recording import read_recording
 from softfuse.sensors.status import Status

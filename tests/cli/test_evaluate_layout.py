@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SOURCE = """[body.source]

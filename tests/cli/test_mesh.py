@@ -10,8 +10,8 @@ import trimesh
 from rich.console import Console
 
 from softfuse.cli.mesh import quality_table
-from softfuse.config import load
-from softfuse.config.build_mesh import DeviceMesh, build_mesh
+from softfuse.robot.file import load
+from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.mesh.files import read_mesh
 from softfuse.mesh.shell import checked
 from softfuse.mesh.surface import cavities
@@ -51,7 +51,7 @@ def test_volumes_are_those_within_curved_walls() -> None:
         np.vstack([block.faces, ball.faces + len(block.vertices)]),
     )
     mesh = tetrahedralise(shell, 0.008, envelope=5e-3)
-    device = DeviceMesh(mesh, tuple(cavities(mesh)), np.zeros(len(mesh.nodes), bool))
+    device = RobotMesh(mesh, tuple(cavities(mesh)), np.zeros(len(mesh.nodes), bool))
     console = Console(width=120)
     with console.capture() as shown:
         console.print(quality_table("ball", ["hole"], device))

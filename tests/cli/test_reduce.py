@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_reduction import build_regions
 from softfuse.errors import ConfigError
 

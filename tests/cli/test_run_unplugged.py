@@ -9,7 +9,7 @@ import pytest
 
 from softfuse.cli import run
 from softfuse.cli.live_parts import Estimating, estimating
-from softfuse.config import DeviceConfig, load
+from softfuse.robot.file import RobotSettings, load
 from softfuse.experiment.programme import Programme
 from softfuse.hardware.record.session_reader import Session, read_session
 from softfuse.hardware.virtual.board import VirtualBoard
@@ -60,7 +60,7 @@ def recorded(
             ports.append(port_of(number, Programme(1.0, names, readings, {}), rate_Hz, drift))
         device = VirtualDevice(ports, RealTime(), outages=Outages(AWAY_S, EVERY_S, powered))
 
-        def estimating_then_plugged(config: DeviceConfig, charts: Path | None) -> Estimating:
+        def estimating_then_plugged(config: RobotSettings, charts: Path | None) -> Estimating:
             parts = estimating(config, charts)
             device.start()  # compiling would take until after the first outage
             return parts

@@ -9,9 +9,9 @@ import pytest
 
 from softfuse.cli.electrode_trial import ElectrodeTrial
 from softfuse.cli.trial import Asked
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.mesh import build_mesh
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mesh.files import read_mesh
 

@@ -8,7 +8,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from softfuse.cli.sources import connection_of, driver_of, open_port_of
-from softfuse.config.source import AnySource, AtiNetFtSource, BotaSource, Preset, RobotousRftSource
+from softfuse.robot.source import AnySource, AtiNetFtSource, BotaSource, Preset, RobotousRftSource
 from softfuse.errors import HardwareError
 from softfuse.hardware.source.ati_net_ft import AtiNetFt
 from softfuse.hardware.source.bota_serial import BotaSerial

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
-from softfuse.config.build_material import build_materials
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.laws import materials_of
+from softfuse.robot.mesh import build_mesh
 from softfuse.config.build_sensors import (
     build_sensors,
     contact_peak,
@@ -196,7 +196,7 @@ def test_materials_are_as_stiff_as_their_settings_say(
     start, end = pad_text.index("[[body.material]]"), pad_text.index("[body.fixed]")
     config = load(write((pad_text[start:end], f"[[body.material]]\n{constants}\n")))
     (settings,) = config.body.materials
-    (material,) = build_materials(config)
+    (material,) = materials_of(config.body)
     assert settings.shear_modulus == pytest.approx(shear)
     assert settings.lame == pytest.approx(lame)
     assert float(material.shear_modulus()) == pytest.approx(shear)

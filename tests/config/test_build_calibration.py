@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.config import load, save_edited
+from softfuse.robot.file import load, save_edited
 from softfuse.config.build_calibration import build_adjustments, calibrated_edits
 from softfuse.config.build_device import build_device
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.mesh import build_mesh
 from softfuse.errors import ConfigError
 
 Write = Callable[..., Path]

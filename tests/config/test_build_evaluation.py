@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_evaluation import build_bed
 from softfuse.config.build_virtual_finger import FingerPlan
 from softfuse.config.build_virtual_pad import PadPlan

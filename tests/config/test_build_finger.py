@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.config import DeviceConfig, load
+from softfuse.robot.file import RobotSettings, load
 from softfuse.config.build_attached import build_attached, build_centreline, build_points
 from softfuse.config.build_device import build_device, build_limits, build_rates, with_contact_model
 from softfuse.config.build_finger_sensors import build_finger_sensors, electrode_thresholds, pressure_sensor
-from softfuse.config.build_mesh import DeviceMesh, build_mesh
+from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.config.build_sensors import build_sensors
 from softfuse.config.sealed_sensors import ElectrodeSettings, PressureSettings
 from softfuse.errors import ConfigError
@@ -28,26 +28,26 @@ from softfuse.mesh.surface import outer_surface
 from softfuse.sensors import electrode_detector, mpx5100a, mpx5100d
 
 Write = Callable[..., Path]
-Edited = Callable[..., DeviceConfig]
+Edited = Callable[..., RobotSettings]
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 FRAME = eqx.filter_jit(Contact.frame)
 
 
 @pytest.fixture(scope="module")
-def config(coarse_finger: Write) -> DeviceConfig:
+def config(coarse_finger: Write) -> RobotSettings:
     """The finger, coarse."""
     return load(coarse_finger())
 
 
 @pytest.fixture(scope="module")
-def mesh(config: DeviceConfig) -> DeviceMesh:
+def mesh(config: RobotSettings) -> RobotMesh:
     """Its mesh."""
     return build_mesh(config)
 
 
 @pytest.fixture(scope="module")
-def device(config: DeviceConfig, mesh: DeviceMesh) -> Model:
+def device(config: RobotSettings, mesh: RobotMesh) -> Model:
     """The device on it."""
     return build_device(config, mesh)
 
@@ -85,7 +85,7 @@ def test_guides_are_where_the_config_says(device: Model) -> None:
     assert np.abs(shape).max() <= 1.0 + 1e-9
 
 
-def test_cavities_hold_gas_in_the_order_of_the_config(config: DeviceConfig, device: Model) -> None:
+def test_cavities_hold_gas_in_the_order_of_the_config(config: RobotSettings, device: Model) -> None:
     gas = device.attached[1]
     assert isinstance(gas, SealedGas)
     np.testing.assert_allclose(gas.rest, 480e-9)
@@ -106,7 +106,7 @@ def test_each_cavity_may_have_its_own_dead_volume(edited: Edited, device: Model)
     assert float(loaded.exponent) == 1.4
 
 
-def _check_frames(contact: PatchContact, device: Model, config: DeviceConfig) -> None:
+def _check_frames(contact: PatchContact, device: Model, config: RobotSettings) -> None:
     for k, electrode in enumerate(config.electrodes):
         for patch, middle in zip(contact.at(jnp.asarray(k)), electrode.middles, strict=True):
             frame = np.asarray(FRAME(patch, device.body)[0])
@@ -114,7 +114,7 @@ def _check_frames(contact: PatchContact, device: Model, config: DeviceConfig) ->
             np.testing.assert_allclose(np.cross(frame[3:6], frame[6:9]), electrode.direction, atol=1e-12)
 
 
-def test_patches_are_on_the_electrodes_and_press_inwards(config: DeviceConfig, device: Model) -> None:
+def test_patches_are_on_the_electrodes_and_press_inwards(config: RobotSettings, device: Model) -> None:
     contact = device.contact
     assert isinstance(contact, PatchContact)
     assert (contact.location.shape, contact.drives) == ((12, 2, 3), 2)
@@ -123,7 +123,7 @@ def test_patches_are_on_the_electrodes_and_press_inwards(config: DeviceConfig, d
 
 
 def test_an_electrode_without_a_span_is_pressed_in_its_middle(
-    edited: Edited, finger_text: str, mesh: DeviceMesh, device: Model
+    edited: Edited, finger_text: str, mesh: RobotMesh, device: Model
 ) -> None:
     span = 'span = ["10 mm", "0 mm", "0 mm"]\n'
     old = finger_text[finger_text.index("[[electrode]]") : finger_text.index("[[point]]")]
@@ -141,7 +141,7 @@ def test_an_electrode_without_a_span_is_pressed_in_its_middle(
         edited((old, old.replace(span, "", 1)))
 
 
-def test_limits_are_those_of_contacts_cables_and_gas(config: DeviceConfig, device: Model) -> None:
+def test_limits_are_those_of_contacts_cables_and_gas(config: RobotSettings, device: Model) -> None:
     limits = build_limits(config, 2)
     np.testing.assert_allclose(limits.lower, [*[0] * 5, *[101325.0] * 6])
     np.testing.assert_allclose(limits.upper, [5, 5, 5, 5, 20, *[101325.0] * 6])
@@ -153,7 +153,7 @@ def test_limits_are_those_of_contacts_cables_and_gas(config: DeviceConfig, devic
     assert limits.lower.shape == (4 + Loads(device.attached).sizes.drives,)
 
 
-def test_rates_are_those_of_the_cables(config: DeviceConfig, edited: Edited) -> None:
+def test_rates_are_those_of_the_cables(config: RobotSettings, edited: Edited) -> None:
     free = build_rates(config, 2)
     assert np.all(np.isinf(free.drive)) and np.all(np.isinf(free.stroke)) and free.drive.shape == (11,)
     rates = 'max_tension = "20 N"\ntension_rate = "5 N/s"\nlength_rate = "10 mm/s"'
@@ -162,7 +162,7 @@ def test_rates_are_those_of_the_cables(config: DeviceConfig, edited: Edited) -> 
     np.testing.assert_array_equal(held.stroke, [np.inf, np.inf, 0.01, *[np.inf] * 6])
 
 
-def test_points_and_centreline_are_in_the_material(config: DeviceConfig, device: Model) -> None:
+def test_points_and_centreline_are_in_the_material(config: RobotSettings, device: Model) -> None:
     for points, expected in (
         (build_points(config, device.body), [p.at for p in config.points]),
         (build_centreline(config, device.body), [(x, 0.0, 0.01) for x in (0.0, 0.03, 0.06, 0.09, 0.12)]),
@@ -204,7 +204,7 @@ def test_points_outside_the_material_are_told(
         build_points(wrong, device.body)
 
 
-def test_cavities_of_another_mesh_are_told(config: DeviceConfig, device: Model) -> None:
+def test_cavities_of_another_mesh_are_told(config: RobotSettings, device: Model) -> None:
     lost = Cavity(jnp.array([[0, 1, 2], [0, 2, 1]]))
     assert config.gas is not None
     with (
@@ -228,7 +228,7 @@ def test_cavities_of_another_mesh_are_told(config: DeviceConfig, device: Model) 
         ),  # enters the body at its back
     ],
 )
-def test_an_electrode_off_the_surface_is_told(edited: Edited, mesh: DeviceMesh, old: str, new: str) -> None:
+def test_an_electrode_off_the_surface_is_told(edited: Edited, mesh: RobotMesh, old: str, new: str) -> None:
     wrong = edited((old, new))
     told = 'electrode[3].centre: "lower palm" is not within contact.radius of where its direction enters'
     with pytest.raises(ConfigError) as caught:
@@ -254,7 +254,7 @@ def test_defaults_are_those_of_the_sensing_stage() -> None:
         assert _same(pressure_sensor(PressureSettings(type=part, channels=names), 9e4), mpx5100d(3))
 
 
-def test_the_fingers_own_values_are_those_of_its_data_sheets(config: DeviceConfig) -> None:
+def test_the_fingers_own_values_are_those_of_its_data_sheets(config: RobotSettings) -> None:
     pressure, electrodes = build_finger_sensors(config)
     assert _same(pressure, mpx5100a(6))
     assert _same(electrodes, electrode_detector(12))
@@ -296,7 +296,7 @@ def test_settings_reach_the_sensors(edited: Edited) -> None:
     assert float(electrodes.array.creep_time_s) == 30.0
 
 
-def test_sensors_of_the_other_device_are_told(config: DeviceConfig, write: Write) -> None:
+def test_sensors_of_the_other_device_are_told(config: RobotSettings, write: Write) -> None:
     with pytest.raises(ConfigError, match=rf"^{config.path}: sensors.capacitive: missing, there is"):
         build_sensors(config)
     pad = load(write())

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_mutual import build_mutual_senses, mutual_grid
 from softfuse.config.mutual import MutualSettings
 from softfuse.errors import ConfigError

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from softfuse.config.cavity_shapes import (
+from softfuse.robot.chamber_shapes import (
     AnyCavityShape,
     CavityShapeSettings,
     RoundedBoxSettings,
     written_centre,
     written_shape,
 )
-from softfuse.design.cavity_shape import CavityShape
-from softfuse.design.profile import AbstractProfile, FreeForm, RoundedBox, Superellipsoid
+from softfuse.robot.layout.cavity_shape import CavityShape
+from softfuse.robot.layout.profile import AbstractProfile, FreeForm, RoundedBox, Superellipsoid
 
 BOX = {"profile": "rounded-box", "half": ["14 mm", "1.2 cm", "3 mm"], "fillet": "1 mm"}
 PLACED = np.array([-0.017, 1 / 30, 0.009, 0.014, 0.0121212121212121, 0.003])

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_cable_route import CableRoute
 from softfuse.config.build_cavity_count import channel_edits
 from softfuse.config.build_design import (
@@ -23,9 +23,9 @@ from softfuse.config.build_design import (
     searched_config,
 )
 from softfuse.config.design_plan import load_design
-from softfuse.design.layout_mesh import layout_mesh
+from softfuse.robot.layout.layout_mesh import layout_mesh
 from softfuse.design.objective import Answers, PairError, Unevenness
-from softfuse.design.thickness import wall_names, wall_thicknesses
+from softfuse.robot.layout.thickness import wall_names, wall_thicknesses
 from softfuse.errors import ConfigError
 
 CONFIGS = Path(__file__).parents[2] / "configs"

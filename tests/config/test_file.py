@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.errors import ConfigError
 
 Write = Callable[..., Path]

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.config import load
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.file import load
+from softfuse.robot.mesh import build_mesh
 from softfuse.errors import ConfigError
 from softfuse.mesh.quality import mesh_quality
 from softfuse.mesh.surface import centroid, enclosed_volume

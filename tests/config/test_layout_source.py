@@ -7,12 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_evaluation import build_bed
-from softfuse.config.build_mesh import DeviceMesh, build_mesh
+from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.config.build_virtual_pad import PadPlan
-from softfuse.design.layout_drawing import LayoutDrawing
+from softfuse.robot.layout.layout_drawing import LayoutDrawing
 from softfuse.errors import ConfigError
 from softfuse.experiment.pose_cache import settings_digest
 from softfuse.functional.cavity import Cavity
@@ -49,7 +49,7 @@ def layout(pad_text: str, tmp_path: Path) -> Layout:
     return write
 
 
-def volumes(made: DeviceMesh) -> np.ndarray:
+def volumes(made: RobotMesh) -> np.ndarray:
     nodes = jnp.asarray(made.mesh.nodes)
     return np.array([float(Cavity(jnp.asarray(wall.faces))(nodes)) for wall in made.cavities])
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from softfuse.config import load, save_edited
-from softfuse.config.file import Edits
+from softfuse.robot.file import load, save_edited
+from softfuse.robot.file import Edits
 from softfuse.errors import ConfigError
 
 Write = Callable[..., Path]

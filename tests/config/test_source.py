@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from softfuse.config import load
-from softfuse.config.source import AtiNetFtSource, RobotousRftSource
+from softfuse.robot.file import load
+from softfuse.robot.source import AtiNetFtSource, RobotousRftSource
 from softfuse.errors import ConfigError
 
 Write = Callable[..., Path]

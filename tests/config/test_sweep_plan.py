@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_sweep import build_series, shortened_cables
-from softfuse.config.digest import digest
+from softfuse.robot.digest import digest
 from softfuse.config.sweep_plan import ElectrodePlaces, load_plan
 from softfuse.errors import ConfigError
 from softfuse.experiment.sweep import Series

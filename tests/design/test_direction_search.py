@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from softfuse.design.direction_search import greatest, polished
+from softfuse.robot.layout.direction_search import greatest, polished
 
 AIM = jnp.array([[0.36, -0.48, 0.8], [0.0, 0.6, -0.8]])
 

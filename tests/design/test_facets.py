@@ -4,9 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.design.cavity_shape import CavityShape
+from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.design.facets import facets
-from softfuse.design.profile import FreeForm, RoundedBox, Superellipsoid
+from softfuse.robot.layout.profile import FreeForm, RoundedBox, Superellipsoid
 from softfuse.errors import SoftfuseError
 from softfuse.mesh.surface import enclosed_volume
 

@@ -7,7 +7,7 @@ import pytest
 
 from softfuse.body import Body
 from softfuse.design.layout_device import device_at
-from softfuse.design.layout_mesh import Fineness, layout_mesh
+from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh
 from softfuse.errors import SoftfuseError
 from softfuse.functional import Cavity
 from softfuse.functional.contact import Contact, ContactSurface

@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.design.cavity_shape import CavityShape
-from softfuse.design.layout_drawing import LayoutDrawing
-from softfuse.design.profile import FreeForm, RoundedBox, Superellipsoid
+from softfuse.robot.layout.cavity_shape import CavityShape
+from softfuse.robot.layout.layout_drawing import LayoutDrawing
+from softfuse.robot.layout.profile import FreeForm, RoundedBox, Superellipsoid
 from softfuse.errors import MeshError
 from softfuse.experiment.virtual_pad import PadErrors, PadSettings, virtual_pad
 from softfuse.functional.material_points import MaterialPoints

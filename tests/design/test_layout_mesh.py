@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from softfuse.design.cavity_shape import CavityShape
-from softfuse.design.layout import TiedLayout
-from softfuse.design.layout_mesh import Fineness, layout_mesh, remade
-from softfuse.design.outline import Outline
-from softfuse.design.profile import FreeForm, RoundedBox, Superellipsoid
+from softfuse.robot.layout.cavity_shape import CavityShape
+from softfuse.robot.layout.layout import TiedLayout
+from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh, remade
+from softfuse.robot.layout.outline import Outline
+from softfuse.robot.layout.profile import FreeForm, RoundedBox, Superellipsoid
 from softfuse.errors import MeshError
 from softfuse.functional import Cavity
 from softfuse.mesh.orientation import check

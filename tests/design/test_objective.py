@@ -10,7 +10,7 @@ import pytest
 
 from softfuse.body import Body
 from softfuse.design.layout_device import device_at
-from softfuse.design.layout_mesh import Fineness, layout_mesh
+from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh
 from softfuse.design.limits import Limit
 from softfuse.design.objective import (
     AbstractMeasure,

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.special import sph_harm_y
 
-from softfuse.design.cavity_shape import CavityShape, rotation
-from softfuse.design.cube_sphere import cube_sphere
-from softfuse.design.profile import FreeForm, RoundedBox, Superellipsoid, harmonics
+from softfuse.robot.layout.cavity_shape import CavityShape, rotation
+from softfuse.robot.layout.cube_sphere import cube_sphere
+from softfuse.robot.layout.profile import FreeForm, RoundedBox, Superellipsoid, harmonics
 from softfuse.mesh.shell import checked
 from softfuse.mesh.surface import enclosed_volume
 

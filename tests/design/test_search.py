@@ -11,7 +11,7 @@ from softfuse.design.limits import Limit, room, room_slopes
 from softfuse.design.objective import Sensitivity, Softness, Unevenness
 from softfuse.design.problem import Geometry, Value, Walls
 from softfuse.design.search import Search, SearchSettings, Trial
-from softfuse.design.thickness import wall_thicknesses
+from softfuse.robot.layout.thickness import wall_thicknesses
 
 LEAST_M = 0.004
 

@@ -6,7 +6,7 @@ import pytest
 
 from softfuse.design.problem import Geometry, Walls
 from softfuse.design.starts import nearest_that_can_be_made, random_starts
-from softfuse.design.thickness import slacks, wall_thicknesses
+from softfuse.robot.layout.thickness import slacks, wall_thicknesses
 from softfuse.errors import SoftfuseError
 
 LEAST_M = 0.004

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softfuse.body import Body
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
 from softfuse.design.straining import largest_strain, largest_stretch
 

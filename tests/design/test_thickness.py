@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from softfuse.design.cavity_shape import CavityShape
-from softfuse.design.cube_sphere import cube_sphere
-from softfuse.design.layout import Parameter, TiedLayout
-from softfuse.design.outline import Outline
-from softfuse.design.profile import AbstractProfile, FreeForm, RoundedBox, Superellipsoid
-from softfuse.design.thickness import clearances, separation, slacks, wall_names, wall_thicknesses
+from softfuse.robot.layout.cavity_shape import CavityShape
+from softfuse.robot.layout.cube_sphere import cube_sphere
+from softfuse.robot.layout.layout import Parameter, TiedLayout
+from softfuse.robot.layout.outline import Outline
+from softfuse.robot.layout.profile import AbstractProfile, FreeForm, RoundedBox, Superellipsoid
+from softfuse.robot.layout.thickness import clearances, separation, slacks, wall_names, wall_thicknesses
 
 OUTLINE = Outline(
     np.array([-0.04, -0.03, 0.0]),

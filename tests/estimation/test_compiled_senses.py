@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_tracker import build_senses
 from softfuse.estimation.compiled_senses import CompiledSenses, Packing
 from softfuse.hardware.recording import read_recording

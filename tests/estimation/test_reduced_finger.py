@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softfuse.body import Body
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_reduction import Teacher, build_regions
 from softfuse.mechanics.model import simulate

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
 from softfuse.estimation.rest_response import place_response, rest_response
 from softfuse.mechanics.model import Model, compliance, simulate

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_sensors import build_sensors
 from softfuse.estimation.model_error import ModelError
 from softfuse.estimation.tracked import Frame, Tracked

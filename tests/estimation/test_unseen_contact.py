@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.tracked import Frame, Tracked

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.config import load
-from softfuse.config.body import PadSource
+from softfuse.robot.file import load
+from softfuse.robot.body import PadSource
 from softfuse.config.build_virtual_pad import pad_plan
 from softfuse.experiment import kept_poses
 from softfuse.experiment.electrode_electronics import CellElectronics

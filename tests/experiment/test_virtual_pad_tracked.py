@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_tracker
 from softfuse.config.build_virtual_pad import pad_plan
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
 from softfuse.estimation.tracked import Frame
@@ -35,7 +35,7 @@ LIMITS = Limits(jnp.zeros(1), jnp.array([25.0]), jnp.array([1e-12]))
 
 
 @pytest.fixture(scope="module")
-def config(tmp_path_factory: pytest.TempPathFactory) -> DeviceConfig:
+def config(tmp_path_factory: pytest.TempPathFactory) -> RobotSettings:
     """The pad's on a mesh that is compiled soon."""
     text = (ROOT / "configs" / "pad.toml").read_text(encoding="utf-8")
     for old, new in (
@@ -64,7 +64,7 @@ class Found:
 
 
 @pytest.fixture(scope="module")
-def found(config: DeviceConfig) -> Found:
+def found(config: RobotSettings) -> Found:
     """Everything as in a live device, but for coarse meshes, alike: what they miss is not at issue."""
     # More cells of pressure than these cannot be told apart on so coarse a mesh.
     cells = flat_punch(RIMS, SECTORS)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from softfuse.body import TAYLOR_HOOD, Body, mesh_for
-from softfuse.config import load
-from softfuse.config.build_mesh import build_mesh
+from softfuse.robot.file import load
+from softfuse.robot.mesh import build_mesh
 from softfuse.functional import Contact, ContactSurface, flat_punch
 from softfuse.functional.face_search import EveryFace, FaceBuckets
 from softfuse.material import NeoHookean

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from softfuse.body.body import Body
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
 from softfuse.errors import SolveError
 from softfuse.mechanics.linearised import loaded_tangents

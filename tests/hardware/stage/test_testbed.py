@@ -16,7 +16,7 @@ import pytest
 
 from softfuse.cli import main
 from softfuse.cli.recorded import sample_frames
-from softfuse.config import load
+from softfuse.robot.file import load
 from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.recording import read_recording
 from softfuse.hardware.wire.channel import Channel, RawType

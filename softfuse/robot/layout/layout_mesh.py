@@ -27,10 +27,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from softfuse.design.cavity_shape import CavityShape
-from softfuse.design.cube_sphere import cube_sphere
-from softfuse.design.direction_search import greatest
-from softfuse.design.layout import AbstractLayout
+from softfuse.robot.layout.cavity_shape import CavityShape
+from softfuse.robot.layout.cube_sphere import cube_sphere
+from softfuse.robot.layout.direction_search import greatest
+from softfuse.robot.layout.layout import AbstractLayout
 from softfuse.errors import MeshError
 from softfuse.functional.cavity import Cavity
 from softfuse.mesh.block import block_mesh

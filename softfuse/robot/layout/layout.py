@@ -22,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.design.cavity_shape import CavityShape
-from softfuse.design.outline import Outline
+from softfuse.robot.layout.cavity_shape import CavityShape
+from softfuse.robot.layout.outline import Outline
 from softfuse.errors import SoftfuseError
 
 

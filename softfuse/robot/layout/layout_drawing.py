@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
-from softfuse.design.cavity_shape import CavityShape
-from softfuse.design.layout import TiedLayout
-from softfuse.design.layout_mesh import Fineness, layout_mesh
-from softfuse.design.outline import Outline
-from softfuse.design.thickness import wall_names, wall_thicknesses
+from softfuse.robot.layout.cavity_shape import CavityShape
+from softfuse.robot.layout.layout import TiedLayout
+from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh
+from softfuse.robot.layout.outline import Outline
+from softfuse.robot.layout.thickness import wall_names, wall_thicknesses
 from softfuse.errors import MeshError
 from softfuse.mesh.drawing import AbstractBlockDrawing
 from softfuse.mesh.pad import finer_to_the_top

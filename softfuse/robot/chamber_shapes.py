@@ -1,4 +1,4 @@
-"""Shapes of cavities: from settings to a layout's (`softfuse.design.cavity_shape`), and back.
+"""Shapes of cavities: from settings to a layout's (`softfuse.robot.layout.cavity_shape`), and back.
 
     profile = "rounded-box"                 # or "superellipsoid", with roundness = 0.5
     half = ["14 mm", "14 mm", "3 mm"]       # half-sizes along its own axes
@@ -21,8 +21,8 @@ from annotated_types import Ge, Gt, Le
 from jaxtyping import Array, Float
 from pydantic import AfterValidator, Field, model_validator
 
-from softfuse.design.cavity_shape import PLACE, CavityShape
-from softfuse.design.profile import AbstractProfile, FreeForm, RoundedBox, Superellipsoid
+from softfuse.robot.layout.cavity_shape import PLACE, CavityShape
+from softfuse.robot.layout.profile import AbstractProfile, FreeForm, RoundedBox, Superellipsoid
 from softfuse.io.quantity import ANGLE, LENGTH, Angle, Dimension, Number, PositiveLength, wrong_value
 from softfuse.io.settings import Settings, Vector
 

@@ -10,7 +10,7 @@ import tomlkit
 import tomlkit.exceptions
 from pydantic import ValidationError
 
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.settings import RobotSettings
 from softfuse.errors import ConfigError
 from softfuse.io.problems import key_path, problem_lines
 from softfuse.io.settings import FileSettings
@@ -24,7 +24,7 @@ Edits = Mapping[Key, str | float | list[str] | list[float] | None]
 """New values by key, such as "0.55 MPa"; None takes the key away."""
 
 
-def load(path: str | Path) -> DeviceConfig:
+def load(path: str | Path) -> RobotSettings:
     """The configuration in a TOML file, all quantities in SI.
 
     Raises ConfigError, one line for each mistake with the file and the key's path, when the file is missing
@@ -34,12 +34,12 @@ def load(path: str | Path) -> DeviceConfig:
     return parse(file_text(Path(path)), Path(path))
 
 
-def parse(text: str, path: Path) -> DeviceConfig:
+def parse(text: str, path: Path) -> RobotSettings:
     """The configuration in a TOML text; relative files start in the folder of path, which messages name.
 
     Raises ConfigError as `load` does.
     """
-    return validated(text, path, DeviceConfig)
+    return validated(text, path, RobotSettings)
 
 
 def validated(text: str, path: Path, model: type[TopTable]) -> TopTable:
@@ -58,7 +58,7 @@ def validated(text: str, path: Path, model: type[TopTable]) -> TopTable:
         raise ConfigError("\n".join(f"{path}: {line}" for line in lines)) from error
 
 
-def save_edited(source: str | Path, target: str | Path, edits: Edits) -> DeviceConfig:
+def save_edited(source: str | Path, target: str | Path, edits: Edits) -> RobotSettings:
     """Write a copy of a configuration with some values changed, comments and layout kept, and return it.
 
     Keys that the source has not are added, with the tables that they are in. Relative files are rewritten to
@@ -88,7 +88,7 @@ def moved(source: Path, target: Path) -> Any:
     return document
 
 
-def saved(text: str, target: Path) -> DeviceConfig:
+def saved(text: str, target: Path) -> RobotSettings:
     """Write the TOML text of a configuration to a file and return it.
 
     Raises ConfigError when it is not valid (nothing is written then), or the file cannot be written.

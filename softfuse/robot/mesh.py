@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool
 
-from softfuse.config.body import FixedSettings
-from softfuse.config.device import DeviceConfig
+from softfuse.robot.body import FixedSettings
+from softfuse.robot.settings import RobotSettings
 from softfuse.errors import ConfigError
 from softfuse.mesh.morph import reshaped_cavities
 from softfuse.mesh.surface import Surface, cavities
@@ -18,7 +18,7 @@ _TOUCH = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class DeviceMesh:
+class RobotMesh:
     """Mesh of the element's order, its regions numbered as the materials; cavities; held nodes (n,).
 
     The cavities are in the order of the configuration, their normals point into the material.
@@ -29,7 +29,7 @@ class DeviceMesh:
     fixed: Bool[np.ndarray, " n"]
 
 
-def build_mesh(config: DeviceConfig) -> DeviceMesh:
+def build_mesh(config: RobotSettings) -> RobotMesh:
     """The mesh that a configuration describes.
 
     Raises ConfigError with the key's path when the source gives no valid mesh, it has another number of
@@ -46,20 +46,20 @@ def build_mesh(config: DeviceConfig) -> DeviceMesh:
             mesh = reshaped_cavities(mesh, shifts, growths, centres=centres)
         mesh = linear(mesh) if config.body.element == "linear" else quadratic(mesh)
         found = cavities(mesh, centres + shifts)
-    return device_mesh(config, mesh, found)
+    return robot_mesh(config, mesh, found)
 
 
-def device_mesh(config: DeviceConfig, mesh: TetMesh, cavities: Sequence[Surface]) -> DeviceMesh:
+def robot_mesh(config: RobotSettings, mesh: TetMesh, cavities: Sequence[Surface]) -> RobotMesh:
     """A mesh of the element's order and its cavities, in the order of the configuration, as its device's.
 
     For a mesh from elsewhere, such as that of a layout. Raises ConfigError when it has another number of
     regions than the configuration, or no node is fixed.
     """
     mesh = _with_numbered_regions(config, mesh)
-    return DeviceMesh(mesh, tuple(cavities), _fixed_nodes(config, mesh))
+    return RobotMesh(mesh, tuple(cavities), _fixed_nodes(config, mesh))
 
 
-def _with_numbered_regions(config: DeviceConfig, mesh: TetMesh) -> TetMesh:
+def _with_numbered_regions(config: RobotSettings, mesh: TetMesh) -> TetMesh:
     regions, number = np.unique(mesh.region, return_inverse=True)
     materials = len(config.body.materials)
     if len(regions) != materials:
@@ -70,7 +70,7 @@ def _with_numbered_regions(config: DeviceConfig, mesh: TetMesh) -> TetMesh:
     return tet_mesh(mesh.nodes, mesh.tets, region=number)
 
 
-def _fixed_nodes(config: DeviceConfig, mesh: TetMesh) -> Bool[np.ndarray, " n"]:
+def _fixed_nodes(config: RobotSettings, mesh: TetMesh) -> Bool[np.ndarray, " n"]:
     inside = _within(config.body.fixed, mesh)
     if not inside.any():
         low, high = (1e3 * end(mesh.nodes, axis=0) for end in (np.min, np.max))

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.design.profile import AbstractProfile
+from softfuse.robot.layout.profile import AbstractProfile
 
 PLACE = ("x", "y", "z", "half x", "half y", "half z", "turn x", "turn y", "turn z")
 """Names of the first nine values: centre [m], half-sizes [m], rotation vector [rad]."""

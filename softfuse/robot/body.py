@@ -8,9 +8,9 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import Field, model_validator
 
 from softfuse.body.stiffness_field import TERMS
-from softfuse.config.cavity_shapes import AnyCavityShape
-from softfuse.config.material import Material
-from softfuse.design.layout_drawing import LayoutDrawing
+from softfuse.robot.chamber_shapes import AnyCavityShape
+from softfuse.robot.material import Material
+from softfuse.robot.layout.layout_drawing import LayoutDrawing
 from softfuse.io.quantity import Acceleration, Length, LengthUnit, Number, PositiveLength, wrong_value
 from softfuse.io.settings import ExistingFile, NotEmpty, Settings, Span, Vector
 from softfuse.mesh.drawing import AbstractBlockDrawing

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from softfuse.config.body import BodySettings
-from softfuse.config.device import DeviceConfig
-from softfuse.config.material import (
+from softfuse.robot.body import BodySettings
+from softfuse.robot.material import (
     CorotationalSettings,
     Material,
     MooneyRivlinSettings,
@@ -22,11 +21,6 @@ from softfuse.material import (
     SaintVenantKirchhoff,
     Yeoh,
 )
-
-
-def build_materials(config: DeviceConfig) -> tuple[AbstractMaterial, ...]:
-    """The materials of the regions 0, 1 ... of the body."""
-    return materials_of(config.body)
 
 
 def materials_of(body: BodySettings) -> tuple[AbstractMaterial, ...]:

@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.design.cube_sphere import cube_sphere
+from softfuse.robot.layout.cube_sphere import cube_sphere
 
 _NOTHING = 1e-150
 """Component of a direction below which its powers are 0, so that they have derivatives."""
