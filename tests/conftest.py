@@ -20,7 +20,6 @@ from softfuse.body import LINEAR, TAYLOR_HOOD, Body, mesh_for
 from softfuse.body.element import Element
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
 from softfuse.estimation.device import Device
-from softfuse.experiment.mutual_field import Thing
 from softfuse.experiment.mutual_figures import image_of
 from softfuse.experiment.virtual_mutual import MutualBed
 from softfuse.functional import Cavity
@@ -33,7 +32,8 @@ from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
-from softfuse.sensors.mutual_model import MutualModel, mutual_model
+from softfuse.sensors.mutual.field import Thing
+from softfuse.sensors.mutual.model import MutualModel, mutual_model
 
 jax.config.update("jax_enable_x64", True)
 

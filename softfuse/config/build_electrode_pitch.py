@@ -8,8 +8,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.config.body import BlockSource
-from softfuse.config.build_mutual import mutual_grid
-from softfuse.config.build_sensors import contact_peak
 from softfuse.config.design_plan import DesignPlan
 from softfuse.config.device import DeviceConfig
 from softfuse.config.file import Edits
@@ -110,7 +108,7 @@ def touched(
     match lines := _lines(config):
         case CapacitiveSettings():
             assert config.contact is not None  # crossed lines sense where a disc presses
-            peak = contact_peak(lines, config.contact.radius)
+            peak = lines.peak_model(config.contact.radius)
             charge = charge_of(peak, lines.touch.contact_on_counts)
 
             def by_lines(theta: Array) -> Float[Array, "s 2 2"]:
@@ -120,7 +118,7 @@ def touched(
 
             return by_lines
         case MutualSettings():
-            grid = mutual_grid(lines).model
+            grid = lines.grid().model
 
             def by_grid(theta: Array) -> Float[Array, "s 2 2"]:
                 columns, rows = pitch.lines(theta)

@@ -5,7 +5,6 @@ from jaxtyping import Float
 
 from softfuse.calibration.electrode_baseline import Untouched
 from softfuse.calibration.electrode_gains import GainFit
-from softfuse.config.build_sensors import line_gains
 from softfuse.config.device import DeviceConfig
 from softfuse.config.file import Edits
 
@@ -42,7 +41,7 @@ def baseline_edits(config: DeviceConfig, untouched: Untouched | None) -> Edits:
 def _gains(config: DeviceConfig, gains: GainFit) -> tuple[list[float], list[float]]:
     """Of rows, of columns: the configured ones times what was found."""
     assert config.sensors is not None
-    each = np.asarray(line_gains(config.sensors.capacitive)) * np.exp(gains.value)
+    each = np.asarray(config.sensors.capacitive.gains()) * np.exp(gains.value)
     return _split(config, np.array([float(f"{gain:.6g}") for gain in each]))
 
 

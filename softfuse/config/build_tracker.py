@@ -16,7 +16,6 @@ from softfuse.estimation.device import Device
 from softfuse.estimation.model_error import ModelError
 from softfuse.estimation.reading_spread import read_spread
 from softfuse.estimation.tracker import Tracker, TrackerSettings
-from softfuse.sensors.array_pose import ArrayPose
 from softfuse.sensors.finger_senses import FingerSenses
 from softfuse.sensors.mutual_senses import MutualSenses
 from softfuse.sensors.pad_senses import PadSenses, fitted_location, mean_location
@@ -46,19 +45,7 @@ def _pad_senses(config: DeviceConfig) -> PadSenses:
         )
     workspace = config.contact.workspace
     low_high = jnp.stack([jnp.asarray(workspace.x), jnp.asarray(workspace.y)], axis=1)
-    return PadSenses(sensors, low_high, _LOCATE[config.sensors.capacitive.location], _pose(config))
-
-
-def _pose(config: DeviceConfig) -> ArrayPose:
-    assert config.sensors is not None
-    pose = config.sensors.capacitive.pose
-    return ArrayPose(
-        jnp.array(pose.shift),
-        jnp.asarray(pose.turn),
-        jnp.array(pose.stretch),
-        jnp.asarray(pose.sigma_factor),
-        jnp.asarray(pose.dent_part),
-    )
+    return PadSenses(sensors, low_high, _LOCATE[config.sensors.capacitive.location], config.sensors.capacitive.pose.pose())
 
 
 def _finger_senses(config: DeviceConfig) -> FingerSenses:

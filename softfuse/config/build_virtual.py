@@ -14,8 +14,8 @@ from softfuse.config.build_virtual_finger import FingerPlan, finger_plan
 from softfuse.config.build_virtual_pad import PadPlan, pad_plan
 from softfuse.config.device import DeviceConfig
 from softfuse.errors import ConfigError
-from softfuse.experiment.channel_electronics import ChannelElectronics
 from softfuse.experiment.programme import Programme
+from softfuse.sensors.electronics import ChannelElectronics
 
 
 @dataclass(frozen=True, eq=False)

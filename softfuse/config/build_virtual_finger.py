@@ -10,7 +10,6 @@ from softfuse.config.attached import ElectrodePlace
 from softfuse.config.body import FingerSource
 from softfuse.config.device import DeviceConfig
 from softfuse.errors import ConfigError
-from softfuse.experiment.channel_electronics import ChannelElectronics
 from softfuse.experiment.finger_electronics import Electronics
 from softfuse.experiment.finger_motion import Timing, motion
 from softfuse.experiment.finger_programme import finger_channels, finger_programme
@@ -19,6 +18,7 @@ from softfuse.experiment.kept_poses import kept_finger_poses
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_finger import SIDES, FingerSettings, Side, electrode_index
 from softfuse.mesh.finger import FingerGeometry
+from softfuse.sensors.electronics import ChannelElectronics
 
 _INTO: dict[Side, tuple[float, float, float]] = {
     "palm": (0.0, 0.0, 1.0),
@@ -82,7 +82,7 @@ def finger_plan(
     pressure, electrodes = sensors.pressure, sensors.electrodes
     if len(config.cables) != 1 or sensors.cable is None:
         raise ConfigError(f"{config.path}: sensors.cable: a virtual finger has one cable, and it is measured")
-    if pressure.type != "MPX5100A" or pressure.supply_channel is not None:
+    if pressure.type != "MPX5100A" or pressure.reference_channel is not None:
         raise ConfigError(
             f"{config.path}: sensors.pressure: a virtual finger has MPX5100A, and no column of the supply"
         )
@@ -127,7 +127,7 @@ def finger_plan(
         Steps(cable=pull, depth=depth),
         Electronics(
             atmosphere_Pa=gas.atmosphere,
-            supply_V=pressure.supply,
+            supply_V=pressure.reference,
             pressure_noise_V=pressure.noise,
             electrode_noise_counts=electrodes.noise_counts,
             cable_noise_m=sensors.cable.noise,

@@ -14,7 +14,6 @@ from softfuse.config.mutual import MutualSettings
 from softfuse.config.sensor_set import SensorSettings
 from softfuse.config.sensors import CapacitiveSettings
 from softfuse.errors import ConfigError
-from softfuse.experiment.channel_electronics import ChannelElectronics
 from softfuse.experiment.electrode_electronics import (
     AbstractElectrodeElectronics,
     CellElectronics,
@@ -22,15 +21,16 @@ from softfuse.experiment.electrode_electronics import (
 )
 from softfuse.experiment.flow_electronics import FlowElectronics
 from softfuse.experiment.kept_poses import kept_pad_touches
-from softfuse.experiment.mutual_field import MutualField
 from softfuse.experiment.pad_electrodes import AbstractPadElectrodes, GridElectrodes, LineElectrodes
 from softfuse.experiment.pad_electronics import PadElectronics
-from softfuse.experiment.pad_field import CrossedLines, FieldSettings
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadTouches, one_after_the_other
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_pad import PadSettings, Touch
-from softfuse.sensors.mutual_model import mean_pitch
+from softfuse.sensors.crossed.field import CrossedLines, FieldSettings
+from softfuse.sensors.electronics import ChannelElectronics
+from softfuse.sensors.mutual.field import MutualField
+from softfuse.sensors.mutual.model import mean_pitch
 
 _PLACES = ((0.6, 0.5), (-0.5, 0.1), (0.1, -0.7), (-0.8, -0.8))
 """From the middle of the workspace to its ends (±1)."""

@@ -82,7 +82,7 @@ class SensorSettings(FileSettings):
         if self.vented:
             crossed = self.capacitive
             return (self.vented.channels, 1.0), (crossed.row_channels, 1.0), (crossed.column_channels, 1.0)
-        supply = self.pressure.supply_channel
+        supply = self.pressure.reference_channel
         cables = self.cable.channels if self.cable else ()
         return (
             (self.pressure.channels, 1.0),

@@ -16,7 +16,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from softfuse.sensors.electrodes import (
+from softfuse.sensors.electrodes.detector import (
     ElectrodeDetector,
     ElectrodeReading,
     ElectrodeState,
@@ -24,7 +24,7 @@ from softfuse.sensors.electrodes import (
     electrode_update,
 )
 from softfuse.sensors.frame_time import frame_step
-from softfuse.sensors.pressure import (
+from softfuse.sensors.pressure.filter import (
     PressureReading,
     PressureSensor,
     PressureState,
@@ -173,7 +173,7 @@ class FingerSenses(AbstractSenses):
         moved = state.mean_Pa + share * (seen.gauge_Pa - state.mean_Pa)
         fresh = jnp.where(state.mean_known, moved, seen.gauge_Pa)
         mean = jnp.where(seen.valid, fresh, state.mean_Pa)
-        noise = self.pressure.noise_V / self.pressure.supply_V / self.pressure.gain_1_Pa
+        noise = self.pressure.noise / self.pressure.reference / self.pressure.gain_1_Pa
         left = noise**2 * share / (2 - share)
         rest = jnp.maximum(seen.sigma_Pa**2 - noise**2, 0.0)
         return mean, state.mean_known | seen.valid, jnp.sqrt(rest + left)

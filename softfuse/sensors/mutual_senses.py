@@ -10,17 +10,18 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from softfuse.sensors.flow import (
+from softfuse.sensors.base import Hint
+from softfuse.sensors.flow.filter import (
     FlowReading,
     FlowSensor,
     FlowState,
     flow_drift,
     flow_init,
     flow_update,
-    squeeze_evidence,
+    mean_flow,
 )
 from softfuse.sensors.frame_time import frame_step
-from softfuse.sensors.mutual import MutualGrid, MutualReading, MutualState, mutual_init, mutual_update
+from softfuse.sensors.mutual.grid import MutualGrid, MutualReading, MutualState, mutual_init, mutual_update
 from softfuse.sensors.senses import AbstractSenses, Sensed
 from softfuse.sensors.slots import ContactSlots, assign_slots, slots_init
 from softfuse.sensors.status import Status
@@ -98,7 +99,9 @@ class MutualSenses(AbstractSenses):
         volts, counts = readings
         started = jnp.isfinite(state.time_s)
         now, dt, forward = frame_step(state.time_s, time_s)
-        squeezed = squeeze_evidence(self.flow, state.flow) > _SQUEEZED_SIGMA
+        flow = mean_flow(self.flow, state.flow)
+        yes = jnp.ones(flow.shape, bool)
+        squeezed = Hint(flow, yes, ~yes).squeezed() > _SQUEEZED_SIGMA
         grid_state, grid = mutual_update(self.grid, state.grid, dt, counts, squeezed)
         tracks = grid.tracks
         flow_state, flow = flow_update(self.flow, state.flow, dt, volts, tracks.touching.any())

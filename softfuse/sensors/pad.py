@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from softfuse.sensors.base import Hint, VolumeChange
 from softfuse.sensors.capacitive import (
     ArrayState,
     CapacitiveArray,
@@ -24,28 +25,9 @@ from softfuse.sensors.capacitive import (
     track_baseline,
     weighted_mean_location,
 )
-from softfuse.sensors.felt import (
-    FeltDetector,
-    FeltState,
-    VolumeChange,
-    felt_detector,
-    felt_init,
-    felt_update,
-)
-from softfuse.sensors.flow import (
-    FlowSensor,
-    FlowState,
-    flow_evidence,
-    flow_init,
-    flow_unknown,
-    flow_update,
-    mean_flow,
-)
-from softfuse.sensors.frame_time import frame_step
-from softfuse.sensors.peak_follow import PeakTrack, follow_peak, no_peak
-from softfuse.sensors.peak_model import PeakModel
-from softfuse.sensors.reading_drift import ReadingDrift
-from softfuse.sensors.touch import (
+from softfuse.sensors.crossed.peak_follow import PeakTrack, follow_peak, no_peak
+from softfuse.sensors.crossed.peak_model import PeakModel
+from softfuse.sensors.crossed.touch import (
     TouchDetector,
     TouchState,
     touch_begun,
@@ -53,7 +35,23 @@ from softfuse.sensors.touch import (
     touch_strength,
     touch_update,
 )
-from softfuse.sensors.touched_start import known_baseline, starts_touched
+from softfuse.sensors.crossed.touched_start import known_baseline, starts_touched
+from softfuse.sensors.flow.filter import (
+    FlowSensor,
+    FlowState,
+    flow_init,
+    flow_unknown,
+    flow_update,
+    mean_flow,
+)
+from softfuse.sensors.frame_time import frame_step
+from softfuse.sensors.pneumatic_touch import (
+    PneumaticDetector,
+    PneumaticState,
+    pneumatic_init,
+    pneumatic_update,
+)
+from softfuse.sensors.reading_drift import ReadingDrift
 
 _S = TypeVar("_S")
 
@@ -65,7 +63,7 @@ class PadSensors(eqx.Module):
     array: CapacitiveArray
     peak: PeakModel
     touch: TouchDetector
-    felt: FeltDetector = eqx.field(default_factory=felt_detector)
+    felt: PneumaticDetector = eqx.field(default_factory=PneumaticDetector.usual)
 
 
 class PadSensorState(eqx.Module):
@@ -76,7 +74,7 @@ class PadSensorState(eqx.Module):
     array: ArrayState
     volume: VolumeChange
     touch: TouchState
-    felt: FeltState
+    felt: PneumaticState
     peak: PeakTrack
     lying: Bool[Array, " e"]
 
@@ -146,7 +144,7 @@ def pad_sensor_init(sensors: PadSensors) -> PadSensorState:
         array=array_init(electrodes),
         volume=VolumeChange(jnp.zeros(cavities), jnp.zeros(cavities, bool)),
         touch=touch_init(),
-        felt=felt_init(),
+        felt=pneumatic_init(),
         peak=no_peak(sensors.peak),
         lying=jnp.zeros(electrodes, bool),
     )
@@ -177,13 +175,14 @@ def pad_sensor_update(
     rows = row_counts.shape[0]
     row_signal, column_signal = reading.signal_counts[:rows], reading.signal_counts[rows:]
     strength = touch_strength(row_signal, column_signal)
-    evidence = flow_evidence(sensors.flow, state.flow)
+    flow = mean_flow(sensors.flow, state.flow)
+    calm = jnp.broadcast_to(state.flow.released_s > sensors.flow.hold_off_s, flow.shape)
+    hint = Hint(flow, calm, jnp.zeros(flow.shape, bool))
+    evidence = hint.still(~hint.begins).squeezed()
     touch = touch_update(sensors.touch, state.touch, strength, evidence)
     touch = if_started(touch_begun(strength), touch)
-    settled = state.felt.felt | (state.flow.released_s > sensors.flow.hold_off_s)
-    flowing = jnp.where(settled, mean_flow(sensors.flow, state.flow), 0.0)
-    felt = felt_update(sensors.felt, state.felt, dt, flowing, state.volume, touch.near)
-    touching = touch.touching | felt.felt
+    felt = pneumatic_update(sensors.felt, state.felt, dt, hint, state.volume, touch.near)
+    touching = touch.touching | felt.touching
     # What was squeezed out before the first frame is not known.
     flowed = if_started(flow_unknown(sensors.flow, state.flow), state.flow)
     flow_state, flow = flow_update(sensors.flow, flowed, dt, flow_V, touching)
@@ -216,7 +215,7 @@ def pad_sensor_update(
         drift=flow.drift,
         near=touch.near,
         touching=touching,
-        felt=felt.felt,
+        felt=felt.touching,
         location_m=location,
         location_covariance_m2=covariance,
         location_widening=widening,

@@ -8,8 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.sensors.array_pose import ArrayPose
-from softfuse.sensors.flow import flow_drift
+from softfuse.sensors.crossed.array_pose import ArrayPose
+from softfuse.sensors.flow.filter import flow_drift
 from softfuse.sensors.pad import PadMeasurement, PadSensors, pad_sensor_init, pad_sensor_update
 from softfuse.sensors.senses import AbstractSenses, Sensed
 from softfuse.sensors.status import Status

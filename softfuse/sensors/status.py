@@ -12,6 +12,7 @@ class Status(StrEnum):
     flow_missing = "flow missing"
     flow_saturated = "flow saturated"
     volume_unknown = "no volume known"
+    nothing_measured = "nothing measured"
     pressure_missing = "pressure missing"
     pressure_range = "pressure out of range"
     leak = "cavity leaks"

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax.scipy.linalg import solve
 from jaxtyping import Array, Bool, Float
 
-from softfuse.sensors.mutual_model import MutualModel, Sources, one_signal, source_signals
+from softfuse.sensors.mutual.model import MutualModel, Sources, one_signal, source_signals
 
 BEYOND = 0.5
 """Sources are sought so far beyond the outermost lines [pitches]: a thing there still shows."""

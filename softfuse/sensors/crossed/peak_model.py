@@ -24,7 +24,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
-from softfuse.sensors.diamond_array import (
+from softfuse.sensors.crossed.diamond_array import (
     ArrayPoints,
     array_points,
     array_response,

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.sensors.wall_field import disc_density, wall_density
+from softfuse.sensors.crossed.wall_field import disc_density, wall_density
 
 _GAUSS_POINTS = 4  # per side of a diamond: cells of 1.4 mm at 8 mm pitch, the fringe is 1 to 2 mm wide
 _TINY_M = 1e-7  # keeps the distance from the axis differentiable at zero

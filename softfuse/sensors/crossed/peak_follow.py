@@ -20,8 +20,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from softfuse.sensors.peak_fit import MENDED, coarse_unknowns, descend
-from softfuse.sensors.peak_model import (
+from softfuse.sensors.crossed.peak_fit import MENDED, coarse_unknowns, descend
+from softfuse.sensors.crossed.peak_model import (
     SHAPE,
     UNKNOWNS,
     Evidence,

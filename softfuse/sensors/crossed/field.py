@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from softfuse.experiment.panel_potential import own_potential, point_potential, square_potential
+from softfuse.sensors.crossed.panel_potential import own_potential, point_potential, square_potential
 
 _TURN = np.sqrt(0.5)
 _RIM_PIECES = 8

@@ -32,8 +32,8 @@ import numpy as np
 from jax.scipy.linalg import solve
 from jaxtyping import Array, Bool, Float, Int
 
-from softfuse.sensors.mutual_cost import BEYOND, Guess, ImageCost, Known, image_cost
-from softfuse.sensors.mutual_model import MutualModel, Sources, shield_shape, source_signals
+from softfuse.sensors.mutual.cost import BEYOND, Guess, ImageCost, Known, image_cost
+from softfuse.sensors.mutual.model import MutualModel, Sources, shield_shape, source_signals
 
 _FINER = 4  # places tried per pitch
 _UNSEEN = 1e-6  # of the largest weight

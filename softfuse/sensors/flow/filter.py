@@ -3,8 +3,7 @@
     Q = (V - V0) / S,   dPhi = -integral of Q dt,
 
 Q [m^3/s] is positive out of the cavity, so a cavity that is squeezed has a negative volume change. S is the
-sensitivity [V s/m^3]; OMRON D6F-P0001A1 (data sheet): V0 = 0.5 V, 20 V per L/min, linear up to 2.5 V. Flow
-into the cavity reads below V0 and clips at 0 V.
+sensitivity [V s/m^3]. V stands for the unit of the channel, counts where it is digital.
 
 The zero V0 wanders, and an error of 1 mV integrates to 8.3 mm^3 in 10 s. It is tracked by a Kalman filter
 (zero_drift) while nothing touches and only predicted while something does. Tracking must not eat real flow:
@@ -18,6 +17,7 @@ The zero V0 wanders, and an error of 1 mV integrates to 8.3 mm^3 in 10 s. It is 
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -104,56 +104,11 @@ class FlowReading(eqx.Module):
     """What the volume change is off by, if no flow was lost."""
 
 
-def d6f_p0001a1(
-    channels: int,
-    *,
-    low_V: float = 2e-3,
-    high_V: float = 2.5,
-    noise_V: float = 2e-3,
-    bias_sigma_V: float = 10e-3,
-    bias_walk_V: float = 0.02e-3,
-    wander_sigma_V: float = 0.4e-3,
-    wander_time_s: float = 3.0,
-    hold_off_s: float = 0.5,
-    gate_sigma: float = 4.0,
-    relearn_s: float = 5.0,
-    longest_gap_s: float = 0.1,
-    lost_sigma_V: float = 0.5,
-    lost_tolerance_s: float = 0.0,
-    lag: int = 20,
-) -> FlowSensor:
-    """OMRON D6F-P0001A1 sensors on a 12-bit converter.
-
-    Args: channels: number of sensors; the options are the fields of FlowSensor and ZeroDrift. noise_V,
-    wander_sigma_V and wander_time_s are read off the structure function (half the mean square difference over
-    a lag) of a few minutes of readings at rest: its value at short lags, its rise and the lag at which it has
-    risen by 63 %.
-    """
-    return FlowSensor(
-        zero_V=jnp.full(channels, 0.5, float),
-        sensitivity_Vs_m3=jnp.full(channels, 20.0 / (1e-3 / 60.0), float),
-        low_V=jnp.asarray(low_V, float),
-        high_V=jnp.asarray(high_V, float),
-        drift=ZeroDrift(
-            noise_V=jnp.asarray(noise_V, float),
-            bias_sigma_V=jnp.asarray(bias_sigma_V, float),
-            bias_walk_V=jnp.asarray(bias_walk_V, float),
-            wander_sigma_V=jnp.asarray(wander_sigma_V, float),
-            wander_time_s=jnp.asarray(wander_time_s, float),
-        ),
-        hold_off_s=jnp.asarray(hold_off_s, float),
-        gate_sigma=jnp.asarray(gate_sigma, float),
-        relearn_s=jnp.asarray(relearn_s, float),
-        longest_gap_s=jnp.asarray(longest_gap_s, float),
-        lost_sigma_V=jnp.asarray(lost_sigma_V, float),
-        lost_tolerance_s=jnp.asarray(lost_tolerance_s, float),
-        lag=lag,
-    )
-
-
 def flow_drift(sensor: FlowSensor) -> DriftModel:
     """How volume changes (k,) [m³] drift: a volt second too much is so much volume too little."""
-    return DriftModel(sensor.drift, -1.0 / sensor.sensitivity_Vs_m3)
+    k = sensor.zero_V.shape
+    zero = jax.tree.map(lambda value: jnp.broadcast_to(value, k), sensor.drift)
+    return DriftModel(zero, -1.0 / sensor.sensitivity_Vs_m3)
 
 
 def flow_init(sensor: FlowSensor) -> FlowState:
@@ -195,22 +150,6 @@ def _lag_deviation(sensor: FlowSensor, state: FlowState) -> tuple[Float[Array, "
     variance = zero_variance(state.zero) + sensor.drift.noise_V**2 / jnp.maximum(count, 1)
     deviation = (mean - state.zero.bias_V - state.zero.wander_V) / jnp.sqrt(variance)
     return jnp.where(count > 0, deviation, 0.0), count
-
-
-def flow_evidence(sensor: FlowSensor, state: FlowState) -> Float[Array, ""]:
-    """That of `squeeze_evidence`, but 0 during a touch and within the hold-off after it."""
-    return jnp.where(state.released_s > sensor.hold_off_s, squeeze_evidence(sensor, state), 0.0)
-
-
-def squeeze_evidence(sensor: FlowSensor, state: FlowState) -> Float[Array, ""]:
-    """The largest mean outflow of a channel over the lag, in standard deviations, if it tells of a squeeze.
-
-    Returns: 0 when a channel's inflow is larger still: a release squeezes no cavity, though it moves air out
-    of the neighbours.
-    """
-    flow = mean_flow(sensor, state)
-    outflow, inflow = jnp.max(flow), jnp.max(-flow)
-    return jnp.where(outflow > inflow, outflow, 0.0)
 
 
 def mean_flow(sensor: FlowSensor, state: FlowState) -> Float[Array, " k"]:

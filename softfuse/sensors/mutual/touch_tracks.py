@@ -23,9 +23,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.errors import ConfigError
-from softfuse.sensors.mutual_cost import Known
-from softfuse.sensors.mutual_fit import MutualFit
-from softfuse.sensors.mutual_model import MutualModel
+from softfuse.sensors.mutual.cost import Known
+from softfuse.sensors.mutual.fit import MutualFit
+from softfuse.sensors.mutual.model import MutualModel
 
 MOST_TRACKS = 5
 """All their permutations are tried."""

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from softfuse.sensors.peak_model import (
+from softfuse.sensors.crossed.peak_model import (
     SHAPE,
     Evidence,
     LinearShape,

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from softfuse.sensors.capacitive import ArrayState, CapacitiveArray, array_init, array_signal, track_baseline
-from softfuse.sensors.mutual_fit import MutualFit, Splitting, best_place, fit_sources, no_fit
-from softfuse.sensors.mutual_model import MutualModel
-from softfuse.sensors.touch_tracks import (
+from softfuse.sensors.mutual.fit import MutualFit, Splitting, best_place, fit_sources, no_fit
+from softfuse.sensors.mutual.model import MutualModel
+from softfuse.sensors.mutual.touch_tracks import (
     TouchFollower,
     TouchTracks,
     expected,

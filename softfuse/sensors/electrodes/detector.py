@@ -27,7 +27,6 @@ from softfuse.sensors.capacitive import (
     CapacitiveArray,
     array_init,
     array_signal,
-    capacitive_array,
     count_equal_frames,
     track_baseline,
 )
@@ -91,39 +90,6 @@ class ElectrodeReading(eqx.Module):
     """(n,) stuck, or missing for too long: says nothing about contact."""
     slots: ContactSlots
     """The touched electrodes that are followed."""
-
-
-def electrode_detector(
-    electrodes: int,
-    *,
-    on_counts: float = 600.0,
-    off_counts: float = 400.0,
-    near_sigma: float = 8.0,
-    on_frames: int = 3,
-    off_frames: int = 3,
-    longest_touch_s: float = 120.0,
-    lost_s: float = 0.1,
-    quiet_fraction: float = 0.1,
-    quiet_s: float = 1.0,
-    array: CapacitiveArray | None = None,
-) -> ElectrodeDetector:
-    """Thresholds, the same for all electrodes.
-
-    Args: electrodes: their number n; array: by default capacitive_array(); the other options are the fields
-    of ElectrodeDetector.
-    """
-    return ElectrodeDetector(
-        array=capacitive_array() if array is None else array,
-        on_counts=jnp.full(electrodes, on_counts, float),
-        off_counts=jnp.full(electrodes, off_counts, float),
-        near_sigma=jnp.asarray(near_sigma, float),
-        on_frames=jnp.asarray(on_frames, int),
-        off_frames=jnp.asarray(off_frames, int),
-        longest_touch_s=jnp.asarray(longest_touch_s, float),
-        lost_s=jnp.asarray(lost_s, float),
-        quiet_fraction=jnp.asarray(quiet_fraction, float),
-        quiet_s=jnp.asarray(quiet_s, float),
-    )
 
 
 def electrode_init(detector: ElectrodeDetector, slots: int) -> ElectrodeState:

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from softfuse.sensors.capacitive import ArrayState, CapacitiveArray, array_signal
-from softfuse.sensors.touch import TouchDetector
+from softfuse.sensors.crossed.touch import TouchDetector
 
 
 def known_baseline(array: CapacitiveArray, state: ArrayState) -> ArrayState:
