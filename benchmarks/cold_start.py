@@ -74,7 +74,7 @@ def through_api(given: argparse.Namespace) -> None:
     from softfuse.robot.file import load
     from softfuse.config.build_device import build_device
     from softfuse.robot.mesh import build_mesh
-    from softfuse.config.build_reduction import with_charts
+    from softfuse.robot.reduced import with_charts
     from softfuse.config.build_tracker import build_tracker
     from softfuse.hardware.recording import read_recording
 

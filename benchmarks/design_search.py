@@ -26,10 +26,10 @@ from scipy.optimize import minimize
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.robot.file import load
-from softfuse.config.build_design import build_limits, build_problem, finer_config
+from softfuse.design.of_robot import build_limits, build_problem, finer_config
 from softfuse.config.build_device import build_device
 from softfuse.robot.mesh import build_mesh
-from softfuse.config.design_plan import load_design
+from softfuse.design.plan import load_design
 from softfuse.design.limits import room, room_slopes
 from softfuse.design.problem import Geometry, MeshedProblem, Problem
 

@@ -21,9 +21,9 @@ import numpy as np
 from softfuse.cli.computing import prepare_jax
 from softfuse.robot.file import RobotSettings, load
 from softfuse.config.build_device import build_device
-from softfuse.config.build_evaluation import build_bed
+from softfuse.experiment.build_evaluation import build_bed
 from softfuse.config.build_tracker import build_tracker
-from softfuse.config.build_virtual_pad import PadPlan
+from softfuse.experiment.build_virtual_pad import PadPlan
 from softfuse.estimation.tracked import Frame
 from softfuse.experiment.accuracy import NINETY
 from softfuse.experiment.channel_electronics import Readout

@@ -25,7 +25,7 @@ from softfuse.body.body import Body
 from softfuse.cli.computing import prepare_jax
 from softfuse.robot.file import load
 from softfuse.config.build_device import build_device, build_limits, build_step_settings
-from softfuse.config.build_reduction import Teacher, build_regions, reduction_mark
+from softfuse.robot.reduced import Teacher, build_regions, reduction_mark
 from softfuse.robot.settings import RobotSettings
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.step import Observation

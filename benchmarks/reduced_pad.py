@@ -26,7 +26,7 @@ from softfuse.cli.computing import prepare_jax
 from softfuse.cli.recorded import sensor_columns, sensor_frames
 from softfuse.robot.file import load
 from softfuse.config.build_device import build_device, build_limits
-from softfuse.config.build_reduction import with_charts
+from softfuse.robot.reduced import with_charts
 from softfuse.config.build_tracker import build_tracker
 from softfuse.robot.settings import RobotSettings
 from softfuse.estimation.estimator import Estimator

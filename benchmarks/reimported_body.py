@@ -20,10 +20,10 @@ import numpy as np
 from softfuse.cli.computing import prepare_jax
 from softfuse.robot.file import RobotSettings, load
 from softfuse.robot.body import SurfaceSource
-from softfuse.config.build_design import build_places
+from softfuse.design.of_robot import build_places
 from softfuse.config.build_device import build_device
 from softfuse.robot.mesh import RobotMesh, build_mesh, robot_mesh
-from softfuse.config.design_plan import DesignPlan, load_design
+from softfuse.design.plan import DesignPlan, load_design
 from softfuse.estimation.rest_response import rest_response
 from softfuse.functional.cavity import Cavity
 from softfuse.mesh.orientation import oriented

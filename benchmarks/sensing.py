@@ -26,17 +26,17 @@ from softfuse.robot.file import load
 from softfuse.robot.body import PadSource
 from softfuse.config.build_sensors import build_sensors
 from softfuse.config.build_tracker import build_senses
-from softfuse.config.build_virtual_pad import pad_plan
+from softfuse.experiment.build_virtual_pad import pad_plan
 from softfuse.robot.settings import RobotSettings
 from softfuse.estimation.compiled_senses import CompiledSenses
 from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.pad_electrodes import LineElectrodes
-from softfuse.experiment.pad_field import FieldSettings
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadBed, pad_touches
 from softfuse.experiment.virtual_pad import Touch
 from softfuse.mechanics.sparse import SparseLU
 from softfuse.sensors import follow_peak, no_peak, peak_signal
+from softfuse.sensors.crossed.field import FieldSettings
 
 CONFIG = Path(__file__).parents[1] / "configs" / "pad.toml"
 SHEAR_PA, POISSON = 0.2e6, 0.49

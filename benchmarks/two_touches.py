@@ -28,16 +28,14 @@ from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
 from softfuse.cli.computing import prepare_jax
 from softfuse.robot.file import RobotSettings, load, save_edited
 from softfuse.config.build_device import build_device
-from softfuse.config.build_evaluation import build_bed
-from softfuse.config.build_mutual import mutual_grid
+from softfuse.experiment.build_evaluation import build_bed
 from softfuse.config.build_tracker import build_tracker
-from softfuse.config.build_virtual_pad import PadPlan
+from softfuse.experiment.build_virtual_pad import PadPlan
 from softfuse.config.contact import DiscSettings
 from softfuse.robot.file import Edits
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.experiment.accuracy import NINETY
 from softfuse.experiment.channel_electronics import Readout
-from softfuse.experiment.mutual_field import Thing
 from softfuse.experiment.pad_electrodes import GridElectrodes
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadTouches
@@ -47,6 +45,7 @@ from softfuse.mechanics.load import Loads
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.newton import Newton, solve
 from softfuse.mechanics.solution import RESULTS, State
+from softfuse.sensors.mutual.field import Thing
 from softfuse.sensors.senses import Sensed
 
 FORCES_N = np.array([6.0, 3.0])
@@ -174,7 +173,7 @@ def grid_edits(config: RobotSettings, plan: PadPlan, seed: int) -> Edits:
     """The grid's constants as touches at known places tell them: a punch on the middles of all cells and
     between them, with 0 N and with 5 N.
     """
-    array, model = plan.array, mutual_grid(config.sensors.mutual).model
+    array, model = plan.array, config.sensors.mutual.grid().model
     assert isinstance(array, GridElectrodes)
     x, y = array.field.column_x, array.field.row_y
     half = 0.5 * (x[1] - x[0])

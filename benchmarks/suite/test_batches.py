@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from suite_pads import PLACES, pad
 
-from softfuse.config.build_reduction import Teacher, build_regions
+from softfuse.robot.reduced import Teacher, build_regions
 from softfuse.estimation.batch import batched
 from softfuse.estimation.step import Observation, exact_steps
 from softfuse.mechanics.model import Model, simulate

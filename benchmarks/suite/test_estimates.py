@@ -15,7 +15,7 @@ from suite_pads import CONFIGS, MESHES, PLACES, megabytes, pad, press, time_fram
 
 from softfuse.robot.file import load
 from softfuse.config.build_device import build_device, build_limits, build_step_settings
-from softfuse.config.build_reduction import Teacher, build_regions
+from softfuse.robot.reduced import Teacher, build_regions
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.step import Observation, exact_steps
 from softfuse.mechanics.model import simulate

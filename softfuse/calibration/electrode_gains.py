@@ -40,8 +40,8 @@ from softfuse.calibration.posterior import AbstractPosterior
 from softfuse.calibration.robust import FREEDOM
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.model_error import whitening
-from softfuse.sensors.array_pose import ArrayPose
-from softfuse.sensors.peak_model import PeakModel, PeakShape, peak_layers, peak_shape
+from softfuse.sensors.crossed.array_pose import ArrayPose
+from softfuse.sensors.crossed.peak_model import PeakModel, PeakShape, peak_layers, peak_shape
 
 _ALIKE = 0.98
 """Correlation of the signals' misfits in one press, noise apart: that of the reference pad's recordings."""

@@ -21,7 +21,7 @@ import optimistix as optx
 from jaxtyping import Float
 
 from softfuse.errors import SoftfuseError
-from softfuse.sensors.mutual_model import MutualModel, Sources, source_signals
+from softfuse.sensors.mutual.model import MutualModel, Sources, source_signals
 
 _GAIN_SIGMA = 0.1
 _CROSSTALK_SIGMA = 0.05

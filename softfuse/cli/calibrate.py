@@ -9,6 +9,12 @@ import typer
 
 from softfuse.calibration.fit import fit
 from softfuse.calibration.next_press import gain
+from softfuse.calibration.of_robot import (
+    adjustments_of_presses,
+    build_adjustments,
+    calibrated_edits,
+    fitted_device,
+)
 from softfuse.calibration.presses import Adjustable
 from softfuse.cli.calibration_report import Calibrated, Further, tell, write_report
 from softfuse.cli.device_calibration import AbstractCalibration
@@ -17,17 +23,11 @@ from softfuse.cli.finger_calibration import FingerCalibration
 from softfuse.cli.pad_calibration import PadCalibration
 from softfuse.cli.recorded import sensor_columns
 from softfuse.cli.terminal import Quiet, busy, counted, stdout
-from softfuse.robot.file import RobotSettings, load, save_edited
-from softfuse.config.build_calibration import (
-    adjustments_of_presses,
-    build_adjustments,
-    calibrated_edits,
-    fitted_device,
-)
 from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import build_mesh
 from softfuse.errors import SoftfuseError
 from softfuse.hardware.recording import Recording, read_recording
+from softfuse.robot.file import RobotSettings, load, save_edited
+from softfuse.robot.mesh import build_mesh
 
 
 def calibrate(

@@ -16,10 +16,10 @@ from softfuse.calibration.electrode_gains import GainFit
 from softfuse.calibration.fit import Fit
 from softfuse.calibration.posterior import AbstractPosterior
 from softfuse.cli.device_calibration import Electrodes, Felt, Quantity
-from softfuse.robot.file import RobotSettings
 from softfuse.experiment.accuracy import NINETY
 from softfuse.experiment.calibration_figures import misfits, usefulness
 from softfuse.experiment.report import page, picture, table
+from softfuse.robot.file import RobotSettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

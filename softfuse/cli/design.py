@@ -18,8 +18,9 @@ from softfuse.cli.design_run import DesignRun, Wanted, Workers
 from softfuse.cli.design_worker import Task
 from softfuse.cli.terminal import Quiet, busy, printable, stdout, tracked_calls
 from softfuse.cli.version import installed_version
-from softfuse.robot.file import RobotSettings, load
-from softfuse.config.build_design import (
+from softfuse.config.build_device import build_device
+from softfuse.design.objective import AbstractMeasure, Answers, measured
+from softfuse.design.of_robot import (
     build_limits,
     build_problem,
     finer_config,
@@ -28,15 +29,14 @@ from softfuse.config.build_design import (
     searched_config,
     shown_units,
 )
-from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import build_mesh
-from softfuse.config.design_plan import DesignPlan, load_design
-from softfuse.robot.digest import digest
-from softfuse.robot.layout.layout_mesh import layout_mesh
-from softfuse.design.objective import AbstractMeasure, Answers, measured
+from softfuse.design.plan import DesignPlan, load_design
 from softfuse.design.problem import Geometry
 from softfuse.design.verification import pressed
 from softfuse.errors import SoftfuseError
+from softfuse.robot.digest import digest
+from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.layout.layout_mesh import layout_mesh
+from softfuse.robot.mesh import build_mesh
 
 log = logging.getLogger(__name__)
 

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.config.design_plan import DesignPlan
 from softfuse.design.casting import casting, cavity_solids
 from softfuse.design.casting_check import SolidCheck, checked_solids
 from softfuse.design.casting_files import write_casting
-from softfuse.robot.layout.layout import AbstractLayout
 from softfuse.design.mould import MouldShape, mould
+from softfuse.design.plan import DesignPlan
 from softfuse.design.port import nearest_ports
+from softfuse.robot.layout.layout import AbstractLayout
 
 
 def cast(

@@ -7,18 +7,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.config.build_design import ShownUnits
-from softfuse.config.design_plan import DesignPlan
 from softfuse.design.casting_check import SolidCheck
-from softfuse.robot.layout.cube_sphere import cube_sphere
-from softfuse.robot.layout.layout import AbstractLayout
 from softfuse.design.objective import AbstractMeasure
+from softfuse.design.of_robot import ShownUnits
+from softfuse.design.plan import DesignPlan
 from softfuse.design.problem import Problem
 from softfuse.design.search import Found, Trial
-from softfuse.robot.layout.thickness import wall_names, wall_thicknesses
 from softfuse.design.verification import Pressed
 from softfuse.experiment.design_figures import outlines, sensitivity_maps, tried
 from softfuse.experiment.report import page, picture, table
+from softfuse.robot.layout.cube_sphere import cube_sphere
+from softfuse.robot.layout.layout import AbstractLayout
+from softfuse.robot.layout.thickness import wall_names, wall_thicknesses
 
 _CELLS = 8
 """Along an edge of the cube through which cavities are drawn."""

@@ -14,8 +14,8 @@ from softfuse.cli.design_report import design_page
 from softfuse.cli.design_worker import Start, Task, first_look, work_on
 from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.terminal import busy, counted, tracked, tracked_calls
-from softfuse.config.build_design import ShownUnits, search_settings
-from softfuse.config.design_plan import DesignPlan
+from softfuse.design.of_robot import ShownUnits, search_settings
+from softfuse.design.plan import DesignPlan
 from softfuse.design.problem import Geometry, Problem
 from softfuse.design.search import Found, Search, Trial, merit
 from softfuse.design.starts import random_starts

@@ -13,20 +13,20 @@ from jaxtyping import Float
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.version import require_version
-from softfuse.robot.file import load
-from softfuse.config.build_design import (
+from softfuse.design.limits import Limit
+from softfuse.design.of_robot import (
     build_problem,
     limit_measures,
     limits_of,
     search_settings,
     searched_config,
 )
-from softfuse.config.design_plan import DesignPlan, load_design
-from softfuse.robot.digest import digest
-from softfuse.design.limits import Limit
+from softfuse.design.plan import DesignPlan, load_design
 from softfuse.design.problem import Geometry, Problem
 from softfuse.design.search import Search, Trial
 from softfuse.errors import MeshError, SoftfuseError
+from softfuse.robot.digest import digest
+from softfuse.robot.file import load
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,8 @@ from softfuse.calibration.electrode_baseline import Untouched
 from softfuse.calibration.electrode_gains import GainFit
 from softfuse.calibration.fit import Fit
 from softfuse.calibration.presses import Answer, Applied, Presses
-from softfuse.robot.file import RobotSettings
-from softfuse.robot.file import Edits
 from softfuse.hardware.recording import Recording
+from softfuse.robot.file import Edits, RobotSettings
 from softfuse.sensors.senses import AbstractSenses, Sensed
 
 

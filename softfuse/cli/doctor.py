@@ -13,9 +13,9 @@ from softfuse.cli.doctor_sources import check_ports, check_sources
 from softfuse.cli.finding import Finding, findings_table, well
 from softfuse.cli.sources import sources_at
 from softfuse.cli.terminal import Quiet, busy, stdout
-from softfuse.robot.file import RobotSettings, load
 from softfuse.errors import ConfigError
 from softfuse.hardware.source.serial_ports import serial_ports
+from softfuse.robot.file import RobotSettings, load
 
 
 def doctor(

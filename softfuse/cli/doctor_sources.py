@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 
 from softfuse.cli.finding import Finding
 from softfuse.cli.sources import connection_of, driver_of
-from softfuse.robot.source import AnySource
 from softfuse.errors import HardwareError
 from softfuse.hardware.source.connection import SILENCE
 from softfuse.hardware.source.listening import Heard, Listener
 from softfuse.hardware.source.serial_ports import SerialPort
 from softfuse.hardware.stream import Chunk, HostClock, Notice
+from softfuse.robot.source import AnySource
 
 START_S = 4.0
 """How long a device may take to say something; boards that the opening resets take two seconds."""

@@ -9,8 +9,8 @@ import numpy as np
 from softfuse.cli.study import known
 from softfuse.cli.trial import AbstractTrial, Asked
 from softfuse.config.build_device import electrode_places
-from softfuse.config.build_watched import build_watched
 from softfuse.errors import SoftfuseError
+from softfuse.experiment.watched import build_watched
 from softfuse.io.quantity import FORCE, LENGTH
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.load import AbstractLoad

@@ -17,15 +17,15 @@ from softfuse.cli.recorded import sensor_columns, sensor_frames
 from softfuse.cli.recording_report import EstimateRows, all_errors, summary, write_report, write_shapes
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated
 from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
-from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import build_mesh
-from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.tracked import Frame
 from softfuse.estimation.tracker import Tracker
 from softfuse.hardware.recording import Recording, read_recording
+from softfuse.robot.file import load
+from softfuse.robot.mesh import build_mesh
+from softfuse.robot.reduced import with_charts
 
 
 def estimate(

@@ -17,12 +17,12 @@ from softfuse.cli.recorded import sensor_columns
 from softfuse.cli.result_folder import claim
 from softfuse.cli.terminal import Quiet, busy, printable, stdout
 from softfuse.cli.version import installed_version
-from softfuse.robot.file import RobotSettings, load
-from softfuse.config.build_evaluation import Bed, build_bed
-from softfuse.config.build_virtual_pad import PadPlan
-from softfuse.robot.digest import digest
+from softfuse.experiment.build_evaluation import Bed, build_bed
+from softfuse.experiment.build_virtual_pad import PadPlan
 from softfuse.experiment.report import table
 from softfuse.hardware.recording import read_recording
+from softfuse.robot.digest import digest
+from softfuse.robot.file import RobotSettings, load
 
 
 def evaluate(

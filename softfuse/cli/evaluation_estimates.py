@@ -11,14 +11,14 @@ from softfuse.cli.evaluation_report import Evaluator
 from softfuse.cli.recorded import sensor_columns, sensor_frames
 from softfuse.cli.study import Estimated
 from softfuse.cli.terminal import tracked_calls
-from softfuse.robot.file import RobotSettings
 from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import build_mesh
 from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.side_by_side import cores
 from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.pose_cache import Arrays, kept
 from softfuse.hardware.recording import read_recording
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import build_mesh
 
 EVERY = 10
 """Frames from one estimate to the next: ten estimates a second, which a full body manages live."""

@@ -9,8 +9,6 @@ from jaxtyping import Float
 from softfuse.cli.evaluation_report import Evaluation, Evaluator, Plate
 from softfuse.cli.finger_study import FingerStudy
 from softfuse.cli.study import AbstractStudy
-from softfuse.robot.file import RobotSettings
-from softfuse.robot.mesh import build_mesh
 from softfuse.experiment import finger_figures, shape_figures
 from softfuse.experiment.accuracy import scaled, together
 from softfuse.experiment.comparison import Comparison
@@ -21,6 +19,8 @@ from softfuse.experiment.pose_cache import Arrays
 from softfuse.experiment.shape_accuracy import PULLED_M, ShapeSamples, position_table
 from softfuse.experiment.shape_figures import Shape
 from softfuse.mesh.surface import outer_surface
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import build_mesh
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,10 @@ from jaxtyping import Float
 
 from softfuse.cli.result_folder import writing
 from softfuse.cli.study import AbstractStudy
-from softfuse.robot.file import RobotSettings
 from softfuse.experiment.comparison import UNKNOWN, Comparison
 from softfuse.experiment.pose_cache import Arrays
 from softfuse.experiment.report import page, picture
+from softfuse.robot.file import RobotSettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,10 +8,7 @@ from typing import Any
 from softfuse.cli.joined_readout import joined_columns, joined_values
 from softfuse.cli.readout import AbstractReadout, Column, Value, readout_of
 from softfuse.cli.recorded import sensor_columns
-from softfuse.robot.file import RobotSettings
 from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import RobotMesh, build_mesh
-from softfuse.config.build_reduction import with_charts
 from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.tracked import Tracked
 from softfuse.estimation.tracker import Tracker
@@ -20,6 +17,9 @@ from softfuse.hardware.live.follower import ChannelGroup, Fields, Follower
 from softfuse.hardware.record.entries import Kind
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import RobotMesh, build_mesh
+from softfuse.robot.reduced import with_charts
 
 
 @dataclass(frozen=True, eq=False)

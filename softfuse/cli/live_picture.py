@@ -4,8 +4,6 @@ import numpy as np
 
 from softfuse.cli.joined_readout import joined_words
 from softfuse.cli.readout import AbstractReadout
-from softfuse.robot.file import RobotSettings
-from softfuse.robot.mesh import RobotMesh
 from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.figures import flat_triangles
 from softfuse.experiment.shape_figures import sharp_edges
@@ -13,6 +11,8 @@ from softfuse.hardware.live.rerun_view import Picture, RerunView, Scene
 from softfuse.hardware.live.session import Published
 from softfuse.mechanics.model import Model
 from softfuse.mesh.surface import outer_surface
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import RobotMesh
 
 PICTURES_A_SECOND = 20.0
 

@@ -9,12 +9,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from softfuse.cli.terminal import Quiet, busy, stdout
-from softfuse.robot.file import load
-from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.functional.cavity import Cavity
 from softfuse.mesh.files import write_mesh
 from softfuse.mesh.quality import MeshQuality, Spread, mesh_quality
 from softfuse.mesh.surface import Surface, boundary_faces
+from softfuse.robot.file import load
+from softfuse.robot.mesh import RobotMesh, build_mesh
 
 
 def mesh(

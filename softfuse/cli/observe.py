@@ -10,7 +10,6 @@ import typer
 from softfuse.calibration.grid import Grid
 from softfuse.cli.estimate import make_folder
 from softfuse.cli.terminal import Quiet, busy, stdout, tracked_calls
-from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_model_error
 from softfuse.config.contact import DiscSettings
@@ -19,6 +18,7 @@ from softfuse.estimation.observability import Observability, observability, resp
 from softfuse.experiment.observability_figures import maps
 from softfuse.experiment.report import page, picture, table
 from softfuse.functional.chart import facing
+from softfuse.robot.file import load
 
 
 def observe(

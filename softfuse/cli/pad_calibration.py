@@ -8,8 +8,10 @@ from jaxtyping import Bool
 
 from softfuse.calibration.array_pose import Located, fit_pose
 from softfuse.calibration.electrode_baseline import untouched
+from softfuse.calibration.electrode_edits import baseline_edits, gain_edits, with_gains
 from softfuse.calibration.electrode_gains import GainFit, LineSignals, fit_gains
 from softfuse.calibration.grid import Grid
+from softfuse.calibration.of_robot import build_pose_prior, pose_edits
 from softfuse.calibration.presses import Applied, Presses
 from softfuse.cli.device_calibration import (
     AbstractCalibration,
@@ -20,8 +22,6 @@ from softfuse.cli.device_calibration import (
     press_numbers,
 )
 from softfuse.cli.recorded import TRUTH, sample_frames
-from softfuse.config.build_calibration import build_pose_prior, pose_edits
-from softfuse.config.build_electrodes import baseline_edits, gain_edits, with_gains
 from softfuse.config.build_tracker import build_senses
 from softfuse.config.contact import DiscSettings
 from softfuse.estimation.reading_spread import write_spread

@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.cli.finger_series import FingerFrame, finger_frame
-from softfuse.robot.file import RobotSettings
-from softfuse.robot.mesh import RobotMesh
-from softfuse.config.build_watched import build_watched
 from softfuse.config.contact import DiscSettings, PatchSettings
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.contact_accuracy import NOWHERE
+from softfuse.experiment.watched import build_watched
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import RobotMesh
 
 Value = float | str
 """A number, NaN where it is not known, or text, empty where there is none."""

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Int
 
-from softfuse.robot.file import RobotSettings
 from softfuse.errors import ConfigError
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.experiment.accuracy import Samples
 from softfuse.hardware.recording import Recording
+from softfuse.robot.file import RobotSettings
 
 TRUTH = ("sample", "true_x_mm", "true_y_mm", "true_force_N")
 """Columns of a recording that make an evaluation possible."""

@@ -7,10 +7,10 @@ import typer
 
 from softfuse.body.body import Body
 from softfuse.cli.terminal import Quiet, busy, stdout, tracked
-from softfuse.robot.file import load
 from softfuse.config.build_device import build_device, electrode_places
-from softfuse.config.build_reduction import Teacher, build_regions, reduction_mark
 from softfuse.errors import SoftfuseError
+from softfuse.robot.file import load
+from softfuse.robot.reduced import Teacher, build_regions, reduction_mark
 from softfuse.rom.atlas import AtlasFolder
 from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import rest_stiffness

@@ -11,9 +11,6 @@ from softfuse.cli.live_parts import estimating
 from softfuse.cli.live_picture import Pictures, scene_of
 from softfuse.cli.sources import driver_of
 from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
-from softfuse.robot.file import load
-from softfuse.robot.file import parse
-from softfuse.robot.source import AnySource
 from softfuse.errors import RecordingError
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.replay import Comparison, Replay
@@ -22,6 +19,8 @@ from softfuse.hardware.record.entries import SourceInfo
 from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.source.driver import AbstractDriver
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
+from softfuse.robot.file import load, parse
+from softfuse.robot.source import AnySource
 
 
 def replay(

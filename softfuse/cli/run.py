@@ -15,8 +15,6 @@ from softfuse.cli.live_parts import estimating
 from softfuse.cli.live_picture import Pictures, scene_of
 from softfuse.cli.sources import connection_of, driver_of, session_info, sources_at
 from softfuse.cli.terminal import Charts, Quiet, busy, stderr, stdout
-from softfuse.robot.file import RobotSettings, load
-from softfuse.robot.source import AnySource
 from softfuse.errors import ConfigError
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
@@ -24,6 +22,8 @@ from softfuse.hardware.live.rerun_view import LOOPBACK, RerunView
 from softfuse.hardware.live.session import Session, SessionReport
 from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.stream import HostClock
+from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.source import AnySource
 
 _SHOWN_EVERY_S = 0.2
 

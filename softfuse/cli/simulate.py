@@ -12,14 +12,14 @@ from softfuse.cli.disc_trial import DiscTrial
 from softfuse.cli.electrode_trial import ElectrodeTrial
 from softfuse.cli.terminal import Quiet, busy, stdout
 from softfuse.cli.trial import AbstractTrial, Asked
-from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import build_mesh
 from softfuse.errors import SolveError
 from softfuse.mechanics.model import simulate as equilibrium_under
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.solution import RESULTS, result_name
 from softfuse.mesh.files import write_mesh
+from softfuse.robot.file import load
+from softfuse.robot.mesh import build_mesh
 
 
 class ContactModel(StrEnum):

@@ -7,15 +7,6 @@ from datetime import UTC, datetime
 
 from pydantic import ValidationError
 
-from softfuse.robot.file import RobotSettings
-from softfuse.robot.source import (
-    AnySource,
-    AtiNetFtSource,
-    BotaSource,
-    LinesSource,
-    RobotousRftSource,
-    SoftfuseSource,
-)
 from softfuse.errors import ConfigError
 from softfuse.hardware.record.entries import Kind, SessionInfo, SourceInfo
 from softfuse.hardware.source.ati_net_ft import PORT, AtiNetFt
@@ -29,6 +20,15 @@ from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.source.text_lines import PRESETS, TextFormat, TextLines
 from softfuse.hardware.source.udp_port import open_udp
 from softfuse.hardware.stream import Chunk, HostClock, Notice
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.source import (
+    AnySource,
+    AtiNetFtSource,
+    BotaSource,
+    LinesSource,
+    RobotousRftSource,
+    SoftfuseSource,
+)
 
 
 def sources_at(ports: Sequence[str], baud: int) -> list[SoftfuseSource]:

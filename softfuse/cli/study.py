@@ -14,14 +14,14 @@ from jaxtyping import Float
 
 from softfuse.cli.joined import Joined
 from softfuse.cli.readout import AbstractReadout, Value
-from softfuse.robot.file import RobotSettings
-from softfuse.robot.mesh import RobotMesh
 from softfuse.estimation.shape_spread import displacement_sigma
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.accuracy import Spread
 from softfuse.hardware.recording import Recording
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import RobotMesh
 
 
 @dataclass(frozen=True, eq=False)

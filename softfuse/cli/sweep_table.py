@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from softfuse.robot.file import RobotSettings
 from softfuse.config.contact import DiscSettings
 from softfuse.experiment.sweep import Outcome, Series
+from softfuse.robot.file import RobotSettings
 
 Value = float | int | str | None
 """None: not known, or not of this case."""

@@ -15,13 +15,13 @@ import jax.numpy as jnp
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.sweep_table import SweepTable, Value
 from softfuse.cli.version import require_version
-from softfuse.robot.file import RobotSettings, parse
 from softfuse.config.build_device import build_device
-from softfuse.config.build_sweep import places_of, with_moduli, with_shortened
-from softfuse.robot.digest import digest
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.sweep import Series, outcomes
+from softfuse.experiment.sweep_series import places_of, with_moduli, with_shortened
 from softfuse.mechanics.model import Model
+from softfuse.robot.digest import digest
+from softfuse.robot.file import RobotSettings, parse
 
 
 @dataclass(frozen=True)

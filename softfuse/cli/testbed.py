@@ -14,7 +14,6 @@ from softfuse.cli.terminal import Quiet, printable, stderr, stdout, tracked
 from softfuse.cli.testbed_files import Outputs, done_already
 from softfuse.cli.testbed_plan import Plan, moves
 from softfuse.cli.testbed_sensors import Sensors
-from softfuse.robot.file import RobotSettings, load
 from softfuse.config.contact import DiscSettings
 from softfuse.errors import ConfigError, HardwareError
 from softfuse.hardware.source.connection import remedy
@@ -28,6 +27,7 @@ from softfuse.hardware.testbed.bench import Bench, Pressed, workspace_of
 from softfuse.hardware.testbed.gathering import ForceAxis
 from softfuse.hardware.testbed.places import grid, read_places
 from softfuse.hardware.testbed.procedure import PressSettings
+from softfuse.robot.file import RobotSettings, load
 
 _DEFAULTS = PressSettings()
 _LIMIT = 1.3

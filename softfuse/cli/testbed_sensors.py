@@ -5,13 +5,13 @@ from collections.abc import Callable
 from softfuse.cli.recorded import sensor_columns
 from softfuse.cli.sources import connection_of, driver_of
 from softfuse.cli.testbed_files import Outputs
-from softfuse.robot.file import RobotSettings
 from softfuse.errors import ConfigError, HardwareError
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.record.entries import FrameEntry
 from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 from softfuse.hardware.testbed.gathering import ForceAxis, Gathering
+from softfuse.robot.file import RobotSettings
 
 _COMING_S = 5.0
 """How long the channels have to come before anything moves [s]: opening its port resets many a board, which

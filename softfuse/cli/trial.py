@@ -6,10 +6,10 @@ from typing import Any
 
 from jaxtyping import Array, Float
 
-from softfuse.robot.file import RobotSettings
-from softfuse.robot.mesh import RobotMesh
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
+from softfuse.robot.file import RobotSettings
+from softfuse.robot.mesh import RobotMesh
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,14 +8,15 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.cli.virtual_faults import Faults
-from softfuse.config.build_virtual import VirtualBody
 from softfuse.errors import RecordingError
-from softfuse.experiment.channel_electronics import ChannelElectronics, Readout
+from softfuse.experiment.build_virtual import VirtualBody
+from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.programme import Programme
 from softfuse.hardware.virtual.board import Read, VirtualBoard
 from softfuse.hardware.virtual.board_clock import BoardClock
 from softfuse.hardware.wire.channel import Channel, RawType
 from softfuse.hardware.wire.description import Description
+from softfuse.sensors.electronics import ChannelElectronics
 
 _NOISE, _FAULTS, _LINE, _CLOCK = range(4)
 """What a seed is for; with the number of the board it makes a stream of random numbers of its own."""

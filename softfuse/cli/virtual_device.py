@@ -13,10 +13,8 @@ from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.terminal import Quiet, busy, stdout
 from softfuse.cli.virtual_boards import TruthFile, boards_of, line_seed
 from softfuse.cli.virtual_faults import HELP, parse_faults
-from softfuse.robot.file import load
-from softfuse.config.build_virtual import VirtualBody, build_virtual
-from softfuse.robot.settings import RobotSettings
 from softfuse.errors import SoftfuseError
+from softfuse.experiment.build_virtual import VirtualBody, build_virtual
 from softfuse.hardware.stream import HostClock
 from softfuse.hardware.virtual.board_clock import BoardClock
 from softfuse.hardware.virtual.line_faults import FaultyLine
@@ -24,6 +22,8 @@ from softfuse.hardware.virtual.outlet import AbstractOutlet
 from softfuse.hardware.virtual.pseudo_terminal import PseudoTerminal
 from softfuse.hardware.virtual.serving import AsFastAsRead, RealTime, VirtualDevice, VirtualPort
 from softfuse.hardware.virtual.tcp_port import TcpPort
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 
 _USUAL_HZ = 100.0
 _FASTEST = "max"

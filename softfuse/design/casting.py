@@ -21,12 +21,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.design.facets import facets
-from softfuse.robot.layout.layout import AbstractLayout
-from softfuse.robot.layout.outline import Outline
 from softfuse.design.port import Port, Rod, box_solid, check_rods, placed
 from softfuse.errors import MeshError, SoftfuseError
+from softfuse.robot.layout.cavity_shape import CavityShape
+from softfuse.robot.layout.layout import AbstractLayout
+from softfuse.robot.layout.outline import Outline
 
 if TYPE_CHECKING:
     from manifold3d import Manifold

@@ -10,9 +10,9 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from softfuse.errors import SoftfuseError
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.cube_sphere import cube_sphere
-from softfuse.errors import SoftfuseError
 
 _CELLS = 12
 """Along an edge of the cube that the triangles begin with."""

@@ -8,9 +8,9 @@ inside, such as a cable's guides, moves with the material around it.
 from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
-from softfuse.robot.layout.layout_mesh import LayoutMesh
 from softfuse.errors import SoftfuseError
 from softfuse.mechanics.model import Model, with_body
+from softfuse.robot.layout.layout_mesh import LayoutMesh
 
 
 def device_at(device: Model, mesh: LayoutMesh, theta: Float[Array, " p"]) -> Model:

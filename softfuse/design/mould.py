@@ -22,9 +22,9 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.design.casting import Casting, notch_solid, outline_solid
-from softfuse.robot.layout.outline import Outline
 from softfuse.design.port import Rod, box_solid, prism
 from softfuse.errors import MeshError, SoftfuseError
+from softfuse.robot.layout.outline import Outline
 
 if TYPE_CHECKING:
     from manifold3d import Manifold

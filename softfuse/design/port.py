@@ -19,9 +19,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from softfuse.errors import MeshError, SoftfuseError
 from softfuse.robot.layout.layout import AbstractLayout
 from softfuse.robot.layout.outline import NORMALS, SIDES, Outline
-from softfuse.errors import MeshError, SoftfuseError
 
 if TYPE_CHECKING:
     from manifold3d import Manifold

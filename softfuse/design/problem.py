@@ -18,18 +18,18 @@ from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
 from softfuse.design.facing import Facing
-from softfuse.robot.layout.layout import AbstractLayout
 from softfuse.design.layout_device import device_at
-from softfuse.robot.layout.layout_mesh import Fineness, LayoutMesh, layout_mesh, remade
 from softfuse.design.limits import Limit
 from softfuse.design.objective import AbstractMeasure, Answers, measured
 from softfuse.design.straining import largest_strain
-from softfuse.robot.layout.thickness import clearances, slacks, wall_names, wall_thicknesses
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.rest_response import place_response, rest_response
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.mechanics.model import Model
 from softfuse.mesh.surface import Surface
+from softfuse.robot.layout.layout import AbstractLayout
+from softfuse.robot.layout.layout_mesh import Fineness, LayoutMesh, layout_mesh, remade
+from softfuse.robot.layout.thickness import clearances, slacks, wall_names, wall_thicknesses
 
 
 @dataclass(frozen=True, eq=False)

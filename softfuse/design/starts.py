@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
 
-from softfuse.robot.layout.layout import AbstractLayout
 from softfuse.design.problem import Geometry
 from softfuse.errors import SoftfuseError
+from softfuse.robot.layout.layout import AbstractLayout
 
 _TRIES = 200
 """Random layouts that are tried for each that is wanted."""

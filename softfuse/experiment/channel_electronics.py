@@ -1,115 +1,22 @@
-"""From what a channel should say to what it says: gain, zero, drift, noise, dead zone, range and converter.
-
-    v = Δ rint(clip(v₀ + γ D(x − v₀) + z + w(t) + s(t) + n, low, high) / Δ)
-
-for a noiseless reading x: D leaves out what is smaller than the dead zone, v₀ is the reading that means
-nothing, z a constant zero, w and s zeros that wander fast and slowly, n white noise, Δ the step of the
-converter. Both wanders are stationary Ornstein-Uhlenbeck processes, w(t + δ) = e^(−δ/τ) w(t) + σ √(1 −
-e^(−2δ/τ)) ξ, exact for any δ (Gillespie, Phys. Rev. E 54, 2084, 1996): a device that runs for days stays in
-its bounds.
-"""
+"""A programme read through electronics, sample after sample."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Float
 
 from softfuse.experiment.programme import Programme
-
-_SAME_S = 1e-7
-"""Difference below which two times between samples are the same [s]."""
-
-
-@dataclass(frozen=True, eq=False)
-class ChannelElectronics:
-    """k channels, each value (k,) in the unit of its channel, times in s; gain γ has none."""
-
-    nothing: Float[np.ndarray, " k"]
-    dead_zone: Float[np.ndarray, " k"]
-    gain: Float[np.ndarray, " k"]
-    zero: Float[np.ndarray, " k"]
-    wander_sigma: Float[np.ndarray, " k"]
-    wander_time: Float[np.ndarray, " k"]
-    slow_sigma: Float[np.ndarray, " k"]
-    slow_time: Float[np.ndarray, " k"]
-    noise: Float[np.ndarray, " k"]
-    step: Float[np.ndarray, " k"]
-    low: Float[np.ndarray, " k"]
-    high: Float[np.ndarray, " k"]
-
-    def taken(self, channels: Sequence[int]) -> "ChannelElectronics":
-        """Some of the channels, by their numbers."""
-        return ChannelElectronics(*(getattr(self, field.name)[list(channels)] for field in fields(self)))
-
-
-def equal_channels(
-    count: int,
-    *,
-    noise: float,
-    step: float,
-    low: float,
-    high: float,
-    nothing: float = 0.0,
-    dead_zone: float = 0.0,
-    gain: float | Float[np.ndarray, " k"] = 1.0,
-    zero: float | Float[np.ndarray, " k"] = 0.0,
-    wander_sigma: float = 0.0,
-    wander_time: float = 1.0,
-    slow_sigma: float = 0.0,
-    slow_time: float = 1.0,
-) -> ChannelElectronics:
-    """`count` channels alike, but for gains and zeros; the options are the fields of ChannelElectronics."""
-    zeros = (zero, wander_sigma, wander_time, slow_sigma, slow_time)
-    values = (nothing, dead_zone, gain, *zeros, noise, step, low, high)
-    return ChannelElectronics(*(np.broadcast_to(np.asarray(value, float), (count,)) for value in values))
-
-
-def side_by_side(parts: Sequence[ChannelElectronics]) -> ChannelElectronics:
-    """The channels of all parts in their order."""
-    return ChannelElectronics(
-        *(
-            np.concatenate([getattr(part, field.name) for part in parts])
-            for field in fields(ChannelElectronics)
-        )
-    )
+from softfuse.sensors.electronics import ChannelElectronics, Converter
 
 
 class Readout:
-    """Reads a programme through electronics, sample after sample; the same seed gives the same samples."""
+    """Reads a programme through electronics; the same seed gives the same samples."""
 
     def __init__(self, programme: Programme, electronics: ChannelElectronics, seed: Sequence[int]) -> None:
         """`seed`: numbers that no two readouts of a device share."""
-        self._programme, self._parts = programme, electronics
-        self._rng = np.random.default_rng(np.random.SeedSequence(list(seed)))
-        # Both wanders together (2, k).
-        self._sigma = np.stack([electronics.wander_sigma, electronics.slow_sigma])
-        self._memory = np.stack([electronics.wander_time, electronics.slow_time])
-        self._wander = self._sigma * self._rng.standard_normal(self._sigma.shape)
-        self._time: float | None = None
-        self._pass(0.0)
+        rng = np.random.default_rng(np.random.SeedSequence(list(seed)))
+        self._programme, self._converter = programme, Converter(electronics, rng)
 
     def read(self, time_s: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m k"]:
         """Samples (m, k) at times (m,) s that are later than all before and increase."""
-        parts = self._parts
-        asked = self._programme.at(time_s) - parts.nothing
-        value = (
-            parts.nothing + parts.gain * np.where(np.abs(asked) < parts.dead_zone, 0.0, asked) + parts.zero
-        )
-        # Drawn sample by sample, so that it does not matter how many are read at once.
-        drawn = self._rng.standard_normal((len(value), 3, value.shape[1]))
-        value += parts.noise * drawn[:, 0]
-        for k, now in enumerate(np.asarray(time_s, float).tolist()):
-            elapsed = 0.0 if self._time is None else now - self._time
-            if abs(elapsed - self._passed) > _SAME_S:
-                self._pass(elapsed)
-            self._wander = self._decay * self._wander + self._spread * drawn[k, 1:]
-            value[k] += self._wander[0] + self._wander[1]
-            self._time = now
-        return parts.step * np.rint(np.clip(value, parts.low, parts.high) / parts.step)
-
-    def _pass(self, elapsed: float) -> None:
-        """Work out how wanders go on over a time [s], which is nearly always the same."""
-        self._passed = elapsed
-        self._decay = np.exp(-elapsed / self._memory)
-        self._spread = self._sigma * np.sqrt(-np.expm1(-2.0 * elapsed / self._memory))
+        return self._converter.read(time_s, self._programme.at(time_s))

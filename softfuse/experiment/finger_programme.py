@@ -9,11 +9,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from softfuse.experiment.channel_electronics import ChannelElectronics, equal_channels, side_by_side
 from softfuse.experiment.finger_bed import truth_columns
 from softfuse.experiment.finger_electronics import Electronics, nearness
 from softfuse.experiment.finger_motion import Motion
 from softfuse.experiment.programme import Programme
+from softfuse.sensors.electronics import ChannelElectronics, equal_channels, side_by_side
 
 CABLE_STEP_MM = 1e-3
 """Step in which the cable's shortening is told [mm]."""

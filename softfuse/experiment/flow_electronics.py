@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.experiment.channel_electronics import ChannelElectronics, equal_channels
+from softfuse.sensors.electronics import ChannelElectronics, equal_channels
 
 
 @dataclass(frozen=True)

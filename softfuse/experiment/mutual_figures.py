@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.experiment.figures import blank
-from softfuse.experiment.mutual_field import Thing
 from softfuse.experiment.virtual_mutual import MutualBed
+from softfuse.sensors.mutual.field import Thing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -18,9 +18,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.experiment.mutual_field import MutualField, Thing
-from softfuse.experiment.pad_field import ArrayField, CrossedLines, FieldSettings
 from softfuse.experiment.virtual_pad import PadPose
+from softfuse.sensors.crossed.field import ArrayField, CrossedLines, FieldSettings
+from softfuse.sensors.mutual.field import MutualField, Thing
 
 
 class AbstractPadElectrodes(ABC):

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.experiment.channel_electronics import ChannelElectronics, side_by_side
 from softfuse.experiment.electrode_electronics import AbstractElectrodeElectronics
 from softfuse.experiment.flow_electronics import FlowElectronics
+from softfuse.sensors.electronics import ChannelElectronics, side_by_side
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.errors import RecordingError
-from softfuse.experiment.channel_electronics import ChannelElectronics, Readout
+from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.programme import Programme
+from softfuse.sensors.electronics import ChannelElectronics
 
 Columns = dict[str, tuple[int, Float[np.ndarray, " n"]]]
 """Name of each column to its decimals and values (n,)."""

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from softfuse.experiment.electrode_electronics import CellElectronics
-from softfuse.experiment.mutual_field import MutualField, Thing
+from softfuse.sensors.mutual.field import MutualField, Thing
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.linalg import block_diag
 
 from softfuse.estimation.tracked import Evidence
 from softfuse.fusion.normal import Change, Normal, Reading, Step
@@ -196,8 +197,8 @@ class ForceFilter:
         transition[drives, drives] = acting
         noise[drives, drives] = np.where(acting, walk**2, 0.0)
         own, chance = self._drift.step(dt_s, period_s)
-        transition[self._drifts, self._drifts] = np.kron(np.eye(self.readings), own)
-        noise[self._drifts, self._drifts] = np.kron(np.eye(self.readings), chance / _UNIT_V**2)
+        transition[self._drifts, self._drifts] = block_diag(*own)
+        noise[self._drifts, self._drifts] = block_diag(*chance) / _UNIT_V**2
         return Change(transition, noise)
 
     def _still(self, dt_s: float, evidence: Evidence) -> Change:

@@ -168,6 +168,7 @@ _COMMON = {
     ("deg", "rad"): "0.01745329251994329576923690768",
     ("mV/s^0.5", "V/s^0.5"): "1e-3",
     ("V min/L", "V s/m^3"): "6e4",
+    ("kPa^-1", "Pa^-1"): "1e-3",
 }
 """What pint says of the units of most configurations, which it takes longer to load than all else there."""
 

@@ -101,3 +101,18 @@ class DriveReading(AbstractReading):
     def of(self, at):
         """The drives."""
         return at.drives[np.array(self.numbers, int)]
+
+
+class JointReading(AbstractReading):
+    """Several readings, one after the other."""
+
+    parts: tuple[AbstractReading, ...]
+
+    @property
+    def count(self):
+        """That of all."""
+        return sum(part.count for part in self.parts)
+
+    def of(self, at):
+        """All numbers."""
+        return jnp.concatenate([jnp.zeros(0), *(part.of(at) for part in self.parts)])

@@ -8,7 +8,6 @@ from annotated_types import Ge, Le
 from pydantic import model_validator
 
 from softfuse.body.base import AbstractBody
-from softfuse.robot.points import Path3
 from softfuse.io.quantity import (
     FORCE,
     LENGTH,
@@ -25,6 +24,7 @@ from softfuse.io.quantity import (
 )
 from softfuse.io.settings import Settings, Vector
 from softfuse.mechanics.cable import PulledCable
+from softfuse.robot.points import Path3
 
 _COMMANDS = {"length": LENGTH, "tension": FORCE, "pressure": PRESSURE}
 """What may be commanded."""

@@ -8,9 +8,6 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import Field, model_validator
 
 from softfuse.body.stiffness_field import TERMS
-from softfuse.robot.chamber_shapes import AnyCavityShape
-from softfuse.robot.material import Material
-from softfuse.robot.layout.layout_drawing import LayoutDrawing
 from softfuse.io.quantity import Acceleration, Length, LengthUnit, Number, PositiveLength, wrong_value
 from softfuse.io.settings import ExistingFile, NotEmpty, Settings, Span, Vector
 from softfuse.mesh.drawing import AbstractBlockDrawing
@@ -19,6 +16,9 @@ from softfuse.mesh.finger import FingerGeometry, finger_mesh
 from softfuse.mesh.pad import PadGeometry
 from softfuse.mesh.tetmesh import TetMesh
 from softfuse.mesh.tetrahedralise import tetrahedralise
+from softfuse.robot.chamber_shapes import AnyCavityShape
+from softfuse.robot.layout.layout_drawing import LayoutDrawing
+from softfuse.robot.material import Material
 
 Size = tuple[PositiveLength, PositiveLength, PositiveLength]
 """Extents along x, y, z in m."""

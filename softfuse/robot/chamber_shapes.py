@@ -21,10 +21,10 @@ from annotated_types import Ge, Gt, Le
 from jaxtyping import Array, Float
 from pydantic import AfterValidator, Field, model_validator
 
-from softfuse.robot.layout.cavity_shape import PLACE, CavityShape
-from softfuse.robot.layout.profile import AbstractProfile, FreeForm, RoundedBox, Superellipsoid
 from softfuse.io.quantity import ANGLE, LENGTH, Angle, Dimension, Number, PositiveLength, wrong_value
 from softfuse.io.settings import Settings, Vector
+from softfuse.robot.layout.cavity_shape import PLACE, CavityShape
+from softfuse.robot.layout.profile import AbstractProfile, FreeForm, RoundedBox, Superellipsoid
 
 _DIGITS = 12
 """Of the numbers that are written: they are read again to 1e-11 of themselves."""

@@ -10,10 +10,10 @@ import tomlkit
 import tomlkit.exceptions
 from pydantic import ValidationError
 
-from softfuse.robot.settings import RobotSettings
 from softfuse.errors import ConfigError
 from softfuse.io.problems import key_path, problem_lines
 from softfuse.io.settings import FileSettings
+from softfuse.robot.settings import RobotSettings
 
 TopTable = TypeVar("TopTable", bound=FileSettings)
 

@@ -2,6 +2,15 @@
 
 import numpy as np
 
+from softfuse.material import (
+    AbstractMaterial,
+    Corotational,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    SaintVenantKirchhoff,
+    Yeoh,
+)
 from softfuse.robot.body import BodySettings
 from softfuse.robot.material import (
     CorotationalSettings,
@@ -11,15 +20,6 @@ from softfuse.robot.material import (
     OgdenSettings,
     SaintVenantKirchhoffSettings,
     YeohSettings,
-)
-from softfuse.material import (
-    AbstractMaterial,
-    Corotational,
-    MooneyRivlin,
-    NeoHookean,
-    Ogden,
-    SaintVenantKirchhoff,
-    Yeoh,
 )
 
 

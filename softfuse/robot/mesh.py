@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool
 
-from softfuse.robot.body import FixedSettings
-from softfuse.robot.settings import RobotSettings
 from softfuse.errors import ConfigError
 from softfuse.mesh.morph import reshaped_cavities
 from softfuse.mesh.surface import Surface, cavities
 from softfuse.mesh.tetmesh import TetMesh, linear, quadratic, tet_mesh
+from softfuse.robot.body import FixedSettings
+from softfuse.robot.settings import RobotSettings
 
 _TOUCH = 1e-6
 """Distance over the extent of the body up to which a node lies within the ranges of [body.fixed]."""

@@ -15,10 +15,9 @@ from jaxtyping import Bool, Float
 from softfuse.body.body import Body
 from softfuse.body.element import ELEMENTS
 from softfuse.body.stiffness_field import with_field
-from softfuse.robot.laws import materials_of
-from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.errors import ConfigError
 from softfuse.functional.cavity import Cavity
+from softfuse.functional.material_points import MaterialPoints
 from softfuse.functional.workspace import AbstractWorkspace
 from softfuse.mechanics.gas import SealedGas
 from softfuse.mechanics.load import AbstractLoad
@@ -28,6 +27,8 @@ from softfuse.mechanics.prescribed import PrescribedForce
 from softfuse.mechanics.reading import AbstractReading
 from softfuse.mechanics.volume import VolumePorts
 from softfuse.mesh.surface import outer_surface
+from softfuse.robot.laws import materials_of
+from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.parts import CablePart, ChamberPart, ContactPart, Parts
 from softfuse.sensors.suite import SensorSuite
@@ -78,6 +79,22 @@ class Robot:
     def name(self) -> str:
         """What people call it."""
         return self.settings.robot.name
+
+    def points(self) -> MaterialPoints:
+        """Its named points, none or more; raises ConfigError for one outside the body."""
+        with self.settings.told("point"):
+            return MaterialPoints.embedded(
+                self.parts.body, np.array([point.at for point in self.settings.points])
+            )
+
+    def centreline(self) -> MaterialPoints | None:
+        """The points of its centreline from base to tip, if it has one; raises ConfigError for one outside
+        the body.
+        """
+        if self.settings.centreline is None:
+            return None
+        with self.settings.told("centreline.points"):
+            return MaterialPoints.embedded(self.parts.body, np.array(self.settings.centreline.points))
 
     @property
     def unseen(self) -> Bool[np.ndarray, " c"]:

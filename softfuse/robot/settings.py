@@ -1,20 +1,25 @@
 """A robot as a TOML file describes it: body, actuators, contacts, sensors and what is around it."""
 
 from collections.abc import Sequence
-from typing import Annotated, Self, Union
+from typing import Annotated, Self, TypeVar
 
+import numpy as np
 from annotated_types import Ge
+from jaxtyping import Float
 from pydantic import Field, model_validator
 
-from softfuse.robot.points import CentrelineSettings, PointSettings
-from softfuse.robot.body import BodySettings
-from softfuse.robot.tolerances import CalibrationSettings
-from softfuse.robot.reduction import ReductionSettings
-from softfuse.robot.source import AnySource, check_sources
+from softfuse.errors import ConfigError
 from softfuse.io.quantity import Integer, Number, PositiveInteger, PositiveLength, PositiveNumber, wrong_value
 from softfuse.io.settings import ExistingFile, FileSettings, Settings
 from softfuse.robot.actuators import CableSettings, ChamberSettings, EnvironmentSettings
+from softfuse.robot.body import BodySettings
 from softfuse.robot.contacts import AnyContact
+from softfuse.robot.points import CentrelineSettings, PointSettings
+from softfuse.robot.reduction import ReductionSettings
+from softfuse.robot.source import AnySource, check_sources
+from softfuse.robot.tolerances import CalibrationSettings
+from softfuse.sensors.base import SensorSettings
+from softfuse.sensors.electrodes.sensor import ElectrodeSettings
 from softfuse.sensors.registry import SENSORS
 
 
@@ -24,7 +29,9 @@ class NameSettings(Settings):
     name: str
 
 
-AnySensor = Annotated[Union[tuple(SENSORS.values())], Field(discriminator="type")]
+_Kind = TypeVar("_Kind", bound=SensorSettings)
+
+AnySensor = Annotated[tuple(SENSORS.values()), Field(discriminator="type")]
 """One of the kinds of sensors that there are."""
 
 
@@ -63,6 +70,30 @@ class RobotSettings(FileSettings):
     estimator: EstimatorSettings = EstimatorSettings()
     reduction: ReductionSettings = ReductionSettings()
     calibration: CalibrationSettings = CalibrationSettings()
+
+    @property
+    def places(self) -> dict[str, Float[np.ndarray, "3 3"]]:
+        """The places that have a name, those of electrodes, by it."""
+        return {
+            electrode.name: electrode.place()
+            for sensor in self.sensors
+            if isinstance(sensor, ElectrodeSettings)
+            for electrode in sensor.electrodes
+        }
+
+    def contact(self, name: str | None = None) -> AnyContact:
+        """The contact of a name, the only one without; raises ConfigError where there is none, or several."""
+        names = [each.name for each in self.contacts]
+        if name is None and len(names) == 1:
+            return self.contacts[0]
+        if name not in names:
+            known = ", ".join(f'"{each}"' for each in names) or "none"
+            raise ConfigError(f"{self.path}: contact: say which one is meant: there is {known}")
+        return self.contacts[names.index(name)]
+
+    def sensors_of(self, kind: type[_Kind]) -> tuple[_Kind, ...]:
+        """The sensors of a kind."""
+        return tuple(sensor for sensor in self.sensors if isinstance(sensor, kind))
 
     @property
     def commands(self) -> tuple[str, ...]:

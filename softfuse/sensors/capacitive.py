@@ -15,10 +15,19 @@ electrode must not block the array for ever). A signal far below zero cannot be 
 taken with something on the pad, and is taken anew.
 """
 
+from typing import Annotated, Self
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
+from annotated_types import Ge
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
+from pydantic import model_validator
+
+from softfuse.io.quantity import Integer, Number, PositiveNumber, PositiveTime, wrong_value
+from softfuse.io.settings import Settings
+from softfuse.sensors.base import SensorSettings
 
 
 class CapacitiveArray(eqx.Module):
@@ -64,35 +73,55 @@ class ArrayReading(eqx.Module):
     """(e,) the channel is present, in range, alive and has a baseline."""
 
 
-def capacitive_array(
-    *,
-    noise_counts: float = 8.0,
-    lowest_counts: float = 0.0,
-    highest_counts: float = 65535.0,
-    stuck_frames: int = 25,
-    baseline_time_s: float = 2.0,
-    creep_time_s: float = 60.0,
-    recovery_time_s: float = 0.2,
-    negative_sigma: float = 10.0,
-    gain: Float[ArrayLike, "*e"] = 1.0,
-    untouched_counts: Float[ArrayLike, "*e"] = jnp.inf,
-) -> CapacitiveArray:
-    """Parameters of the array; the options are the fields of CapacitiveArray.
+class BaselineSettings(Settings):
+    """How the counts without touch are followed: time constants in s, a limit in standard deviations."""
 
-    With 8 counts of noise two readings are equal once in 28 frames, so 25 equal ones in a row are no chance.
+    time: PositiveTime = 2.0
+    creep_time: PositiveTime = 60.0
+    recovery_time: PositiveTime = 0.2
+    negative_sigma: PositiveNumber = 10.0
+
+
+class CountsSettings(SensorSettings):
+    """Capacitive channels: noise in counts; a reading outside lowest_counts .. highest_counts, or the same in
+    stuck_frames frames, belongs to a broken one. With 8 counts of noise two readings are equal once in 28
+    frames, so 25 equal ones in a row are no chance.
     """
-    return CapacitiveArray(
-        noise_counts=jnp.asarray(noise_counts, float),
-        lowest_counts=jnp.asarray(lowest_counts, float),
-        highest_counts=jnp.asarray(highest_counts, float),
-        stuck_frames=jnp.asarray(stuck_frames, int),
-        baseline_time_s=jnp.asarray(baseline_time_s, float),
-        creep_time_s=jnp.asarray(creep_time_s, float),
-        recovery_time_s=jnp.asarray(recovery_time_s, float),
-        negative_sigma=jnp.asarray(negative_sigma, float),
-        gain=jnp.asarray(gain, float),
-        untouched_counts=jnp.asarray(untouched_counts, float),
-    )
+
+    noise_counts: PositiveNumber = 8.0
+    lowest_counts: Number = 0.0
+    highest_counts: Number = 65535.0
+    stuck_frames: Annotated[Integer, Ge(2)] = 25
+
+    @model_validator(mode="after")
+    def _check_ends(self) -> Self:
+        if self.lowest_counts >= self.highest_counts:
+            raise wrong_value(f"must be below highest_counts = {self.highest_counts:g}", key="lowest_counts")
+        return self
+
+    def _array(
+        self,
+        time_s: float,
+        creep_time_s: float,
+        *,
+        recovery_time_s: float = np.inf,
+        negative_sigma: float = np.inf,
+        gain: Float[ArrayLike, "*e"] = 1.0,
+        untouched_counts: Float[ArrayLike, "*e"] = jnp.inf,
+    ) -> CapacitiveArray:
+        """The electronics; the options are the fields of CapacitiveArray."""
+        return CapacitiveArray(
+            noise_counts=jnp.asarray(self.noise_counts, float),
+            lowest_counts=jnp.asarray(self.lowest_counts, float),
+            highest_counts=jnp.asarray(self.highest_counts, float),
+            stuck_frames=jnp.asarray(self.stuck_frames, int),
+            baseline_time_s=jnp.asarray(time_s, float),
+            creep_time_s=jnp.asarray(creep_time_s, float),
+            recovery_time_s=jnp.asarray(recovery_time_s, float),
+            negative_sigma=jnp.asarray(negative_sigma, float),
+            gain=jnp.asarray(gain, float),
+            untouched_counts=jnp.asarray(untouched_counts, float),
+        )
 
 
 def array_init(electrodes: int) -> ArrayState:

@@ -13,6 +13,9 @@ Navarro et al., RA-L 5(4), 2020, eqs. (5) to (7). Small signals: dV = -(V0 + V_d
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+ATMOSPHERE_PA = 101325.0
+"""Absolute pressure around what nobody has measured it for [Pa]."""
+
 
 def tube_volume(length_m: Float[Array, " *k"], bore_m: Float[Array, " *k"]) -> Float[Array, " *k"]:
     """Volume π/4 d² l of a tube: length_m, bore_m (inner diameter) of any shape [m]; returns [m^3]."""
@@ -24,7 +27,7 @@ def volume_change_of(
     rest_m3: Float[Array, " *k"],
     dead_m3: Float[Array, " *k"],
     *,
-    atmosphere: float | Float[Array, ""] = 101325.0,
+    atmosphere: float | Float[Array, ""] = ATMOSPHERE_PA,
     exponent: float | Float[Array, ""] = 1.0,
 ) -> Float[Array, " *k"]:
     """Volume change of sealed cavities whose pressure has changed.
@@ -43,7 +46,7 @@ def gauge_pressure_of(
     rest_m3: Float[Array, " *k"],
     dead_m3: Float[Array, " *k"],
     *,
-    atmosphere: float | Float[Array, ""] = 101325.0,
+    atmosphere: float | Float[Array, ""] = ATMOSPHERE_PA,
     exponent: float | Float[Array, ""] = 1.0,
 ) -> Float[Array, " *k"]:
     """Pressure of sealed cavities whose volume has changed: the inverse of volume_change_of.
@@ -61,7 +64,7 @@ def volume_change_sigma_of(
     rest_m3: Float[Array, " *k"],
     dead_m3: Float[Array, " *k"],
     *,
-    atmosphere: float | Float[Array, ""] = 101325.0,
+    atmosphere: float | Float[Array, ""] = ATMOSPHERE_PA,
     exponent: float | Float[Array, ""] = 1.0,
 ) -> Float[Array, " *k"]:
     """Standard deviation of volume_change_of due to that of the pressure, to first order.

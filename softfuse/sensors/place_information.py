@@ -12,9 +12,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.sensors.diamond_array import mean_pitch
-from softfuse.sensors.mutual_model import MutualModel, one_signal
-from softfuse.sensors.peak_model import (
+from softfuse.sensors.crossed.diamond_array import mean_pitch
+from softfuse.sensors.crossed.peak_model import (
     PeakModel,
     evidence_of,
     line_shape,
@@ -22,6 +21,7 @@ from softfuse.sensors.peak_model import (
     peak_found,
     peak_layers,
 )
+from softfuse.sensors.mutual.model import MutualModel, one_signal
 
 
 def place_told_by_lines(

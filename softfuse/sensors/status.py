@@ -12,6 +12,7 @@ class Status(StrEnum):
     flow_missing = "flow missing"
     flow_saturated = "flow saturated"
     volume_unknown = "no volume known"
+    nothing_measured = "nothing measured"
     pressure_missing = "pressure missing"
     pressure_range = "pressure out of range"
     leak = "cavity leaks"
@@ -26,3 +27,4 @@ class Status(StrEnum):
     poor_fit = "poor fit"
     not_optimal = "optimum not reached"
     inverted = "inverted element"
+    ambiguous = "several places possible"

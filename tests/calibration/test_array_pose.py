@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softfuse.calibration.array_pose import Located, PoseFit, PosePrior, fit_pose
-from softfuse.sensors.array_pose import ArrayPose
+from softfuse.sensors.crossed.array_pose import ArrayPose
 
 PRIOR = PosePrior(0.5e-3, 0.02, 0.01, 0.5, 0.1)
 AREA = 1e-3 * np.array([(x, y) for x in (-28.0, 0.0, 28.0) for y in (-28.0, 0.0, 28.0)])

@@ -8,8 +8,8 @@ import pytest
 from softfuse.calibration.array_pose import pose_slopes
 from softfuse.calibration.electrode_gains import GainFit, LineSignals, fit_gains
 from softfuse.sensors import peak_model
-from softfuse.sensors.array_pose import ArrayPose
-from softfuse.sensors.peak_model import peak_signal
+from softfuse.sensors.crossed.array_pose import ArrayPose
+from softfuse.sensors.crossed.peak_model import peak_signal
 
 LINES = 1e-3 * (-28.0 + 8.0 * np.arange(8))
 MODEL = peak_model(LINES, LINES, 1.5e-3, 1.0e-3)

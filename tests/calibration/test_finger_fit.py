@@ -11,7 +11,7 @@ from softfuse.calibration.contact_places import ContactPlaces
 from softfuse.calibration.fit import Fit, fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
 from softfuse.robot.file import RobotSettings, load, save_edited
-from softfuse.config.build_calibration import (
+from softfuse.calibration.of_robot import (
     adjustments_of_presses,
     build_adjustments,
     calibrated_edits,

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from softfuse.robot.file import load
-from softfuse.config.build_reduction import build_regions
+from softfuse.robot.reduced import build_regions
 from softfuse.errors import ConfigError
 
 RECORDING = Path(__file__).parents[1] / "data" / "pad_nominal_two_presses.csv.gz"

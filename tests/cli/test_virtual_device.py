@@ -15,13 +15,13 @@ import serial
 from softfuse.experiment import kept_poses
 from softfuse.experiment.finger_pushes import CONTACTS, Pose, Push, Steps, cable_levels, depth_levels
 from softfuse.experiment.pad_electrodes import AbstractPadElectrodes, GridElectrodes, LineElectrodes
-from softfuse.experiment.pad_field import CrossedLines
 from softfuse.experiment.pad_touches import PadTouches
 from softfuse.experiment.virtual_finger import FingerSettings
 from softfuse.experiment.virtual_pad import PadPose, PadSettings, Touch
 from softfuse.hardware.wire.decoder import Decoder
 from softfuse.hardware.wire.message import EVERY_DEVICE, AskMessage, Header, SampleMessage, encode
 from softfuse.hardware.wire.packet import pack
+from softfuse.sensors.crossed.field import CrossedLines
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ASK = pack(encode(AskMessage(Header(EVERY_DEVICE, 0, 0))))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from softfuse.robot.file import load, save_edited
-from softfuse.config.build_calibration import build_adjustments, calibrated_edits
+from softfuse.calibration.of_robot import build_adjustments, calibrated_edits
 from softfuse.config.build_device import build_device
 from softfuse.robot.mesh import build_mesh
 from softfuse.errors import ConfigError

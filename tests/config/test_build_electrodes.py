@@ -9,7 +9,7 @@ import pytest
 from softfuse.calibration.electrode_baseline import Untouched, untouched
 from softfuse.calibration.electrode_gains import GainFit
 from softfuse.robot.file import load, save_edited
-from softfuse.config.build_electrodes import baseline_edits, gain_edits, with_gains
+from softfuse.calibration.electrode_edits import baseline_edits, gain_edits, with_gains
 from softfuse.config.build_sensors import build_sensors
 from softfuse.errors import ConfigError
 

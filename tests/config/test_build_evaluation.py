@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from softfuse.robot.file import load
-from softfuse.config.build_evaluation import build_bed
-from softfuse.config.build_virtual_finger import FingerPlan
-from softfuse.config.build_virtual_pad import PadPlan
+from softfuse.experiment.build_evaluation import build_bed
+from softfuse.experiment.build_virtual_finger import FingerPlan
+from softfuse.experiment.build_virtual_pad import PadPlan
 from softfuse.errors import ConfigError
 from softfuse.experiment.finger_bed import TABLE_III
 from softfuse.experiment.virtual_finger import FingerSettings

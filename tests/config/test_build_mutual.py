@@ -12,10 +12,10 @@ from softfuse.config.build_mutual import build_mutual_senses, mutual_grid
 from softfuse.config.mutual import MutualSettings
 from softfuse.errors import ConfigError
 from softfuse.sensors.capacitive import capacitive_array
-from softfuse.sensors.mutual import MutualGrid
-from softfuse.sensors.mutual_fit import splitting
-from softfuse.sensors.mutual_model import mutual_model
-from softfuse.sensors.touch_tracks import touch_follower
+from softfuse.sensors.mutual.fit import splitting
+from softfuse.sensors.mutual.grid import MutualGrid
+from softfuse.sensors.mutual.model import mutual_model
+from softfuse.sensors.mutual.touch_tracks import touch_follower
 
 CONFIG = Path(__file__).parents[2] / "configs" / "pad_mutual.toml"
 LINES = (-24e-3, -8e-3, 8e-3, 24e-3)

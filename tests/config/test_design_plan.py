@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from softfuse.robot.file import load
-from softfuse.config.build_cable_route import CableRoute
-from softfuse.config.build_cavity_count import channel_edits
-from softfuse.config.build_design import (
+from softfuse.design.cable_route import CableRoute
+from softfuse.design.chamber_count import channel_edits
+from softfuse.design.of_robot import (
     build_layout,
     build_limits,
     build_measure,
@@ -22,7 +22,7 @@ from softfuse.config.build_design import (
     save_designed,
     searched_config,
 )
-from softfuse.config.design_plan import load_design
+from softfuse.design.plan import load_design
 from softfuse.robot.layout.layout_mesh import layout_mesh
 from softfuse.design.objective import Answers, PairError, Unevenness
 from softfuse.robot.layout.thickness import wall_names, wall_thicknesses

@@ -9,9 +9,9 @@ import pytest
 
 from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
-from softfuse.config.build_evaluation import build_bed
+from softfuse.experiment.build_evaluation import build_bed
 from softfuse.robot.mesh import RobotMesh, build_mesh
-from softfuse.config.build_virtual_pad import PadPlan
+from softfuse.experiment.build_virtual_pad import PadPlan
 from softfuse.robot.layout.layout_drawing import LayoutDrawing
 from softfuse.errors import ConfigError
 from softfuse.experiment.pose_cache import settings_digest

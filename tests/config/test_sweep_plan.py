@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from softfuse.robot.file import load
-from softfuse.config.build_sweep import build_series, shortened_cables
+from softfuse.experiment.sweep_series import build_series, shortened_cables
 from softfuse.robot.digest import digest
-from softfuse.config.sweep_plan import ElectrodePlaces, load_plan
+from softfuse.experiment.sweep_plan import ElectrodePlaces, load_plan
 from softfuse.errors import ConfigError
 from softfuse.experiment.sweep import Series
 

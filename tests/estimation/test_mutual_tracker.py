@@ -18,12 +18,12 @@ from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker
-from softfuse.experiment.mutual_field import Thing
 from softfuse.experiment.virtual_mutual import MutualBed
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
 from softfuse.sensors import d6f_p0001a1
+from softfuse.sensors.mutual.field import Thing
 from softfuse.sensors.status import Status
 
 CONFIG = Path(__file__).parents[2] / "configs" / "pad_mutual.toml"

@@ -11,7 +11,7 @@ import pytest
 from softfuse.body import Body
 from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
-from softfuse.config.build_reduction import Teacher, build_regions
+from softfuse.robot.reduced import Teacher, build_regions
 from softfuse.mechanics.model import simulate
 from softfuse.mechanics.solution import RESULTS
 from softfuse.rom.reduced_model import reduced_model

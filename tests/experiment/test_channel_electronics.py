@@ -3,18 +3,14 @@
 import numpy as np
 import pytest
 
-from softfuse.experiment.channel_electronics import (
-    ChannelElectronics,
-    Readout,
-    equal_channels,
-    side_by_side,
-)
+from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.electrode_electronics import CellElectronics, LineElectronics
 from softfuse.experiment.finger_electronics import Electronics
 from softfuse.experiment.finger_programme import finger_channels
 from softfuse.experiment.flow_electronics import FlowElectronics
 from softfuse.experiment.pad_electronics import PadElectronics
 from softfuse.experiment.programme import Programme
+from softfuse.sensors.electronics import ChannelElectronics, equal_channels, side_by_side
 
 TIMES = np.arange(12_000) / 100.0
 LINES = LineElectronics()

@@ -8,16 +8,16 @@ import pytest
 
 from softfuse.robot.file import load
 from softfuse.robot.body import PadSource
-from softfuse.config.build_virtual_pad import pad_plan
+from softfuse.experiment.build_virtual_pad import pad_plan
 from softfuse.experiment import kept_poses
 from softfuse.experiment.electrode_electronics import CellElectronics
-from softfuse.experiment.mutual_field import MutualField
 from softfuse.experiment.pad_electrodes import GridElectrodes
 from softfuse.experiment.pad_touches import PadBed, PadTouches, pad_touches
 from softfuse.experiment.pose_cache import settings_digest
 from softfuse.experiment.virtual_pad import PadErrors, PadPose, PadSettings, Touch
 from softfuse.mechanics.sparse import SparseLU
 from softfuse.mesh.pad import PadGeometry
+from softfuse.sensors.mutual.field import MutualField
 
 MM = 1e-3
 CONFIG = Path(__file__).parents[2] / "configs" / "pad_mutual.toml"

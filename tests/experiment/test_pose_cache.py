@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.experiment.pad_field import CrossedLines, FieldSettings
 from softfuse.experiment.pose_cache import Arrays, kept, settings_digest
 from softfuse.experiment.virtual_pad import Touch
+from softfuse.sensors.crossed.field import CrossedLines, FieldSettings
 
 NAMES = frozenset({"force", "volume"})
 

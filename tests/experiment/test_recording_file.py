@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from softfuse.errors import RecordingError
-from softfuse.experiment.channel_electronics import equal_channels
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.recording_file import recorded, write_recording
 from softfuse.hardware.recording import read_recording
+from softfuse.sensors.electronics import equal_channels
 
 STEPS = np.arange(5.0)
 PROGRAMME = Programme(

@@ -10,14 +10,14 @@ from softfuse.experiment.electrode_electronics import LineElectronics
 from softfuse.experiment.flow_electronics import FlowElectronics
 from softfuse.experiment.pad_electrodes import LineElectrodes
 from softfuse.experiment.pad_electronics import PadElectronics
-from softfuse.experiment.pad_field import ArrayField, CrossedLines, FieldSettings, line_panels
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadBed, PadTouches, pad_touches
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_pad import PadErrors, PadSettings, Touch, virtual_pad
 from softfuse.mechanics.sparse import SparseLU
 from softfuse.mesh.pad import PadGeometry
-from softfuse.sensors.diamond_array import array_points, array_response, line_points
+from softfuse.sensors.crossed.diamond_array import array_points, array_response, line_points
+from softfuse.sensors.crossed.field import ArrayField, CrossedLines, FieldSettings, line_panels
 
 MM = 1e-3
 DRAWING = PadGeometry(

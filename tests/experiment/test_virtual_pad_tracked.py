@@ -11,7 +11,7 @@ import pytest
 from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_tracker
-from softfuse.config.build_virtual_pad import pad_plan
+from softfuse.experiment.build_virtual_pad import pad_plan
 from softfuse.robot.settings import RobotSettings
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
@@ -19,12 +19,12 @@ from softfuse.estimation.tracked import Frame
 from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.pad_electrodes import LineElectrodes
-from softfuse.experiment.pad_field import FieldSettings
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadBed, pad_touches
 from softfuse.experiment.virtual_pad import Touch
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.mechanics.sparse import SparseLU
+from softfuse.sensors.crossed.field import FieldSettings
 
 ROOT = Path(__file__).parents[2]
 SHEAR, POISSON = 0.6e6 / 2.98, 0.49

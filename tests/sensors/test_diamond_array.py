@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.sensors.diamond_array import array_points, array_response, array_slopes, line_points
-from softfuse.sensors.wall_field import disc_density
+from softfuse.sensors.crossed.diamond_array import array_points, array_response, array_slopes, line_points
+from softfuse.sensors.crossed.wall_field import disc_density
 
 LINES = (-28.0 + 8.0 * np.arange(8)) * 1e-3
 PITCH = 8e-3

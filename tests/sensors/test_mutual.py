@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from softfuse.errors import ConfigError
-from softfuse.experiment.mutual_field import MutualField, Thing
 from softfuse.experiment.virtual_mutual import MutualBed
 from softfuse.sensors.capacitive import capacitive_array
-from softfuse.sensors.mutual import MutualGrid, MutualReading, mutual_init, mutual_update
-from softfuse.sensors.mutual_fit import fit_sources, nothing_known, splitting
-from softfuse.sensors.mutual_model import MutualModel, Sources, mutual_signal, source_signals
-from softfuse.sensors.touch_tracks import TouchTracks, optimal_assignment, touch_follower, tracks_init
+from softfuse.sensors.mutual.field import MutualField, Thing
+from softfuse.sensors.mutual.fit import fit_sources, nothing_known, splitting
+from softfuse.sensors.mutual.grid import MutualGrid, MutualReading, mutual_init, mutual_update
+from softfuse.sensors.mutual.model import MutualModel, Sources, mutual_signal, source_signals
+from softfuse.sensors.mutual.touch_tracks import TouchTracks, optimal_assignment, touch_follower, tracks_init
 
 MM = 1e-3
 ALL = jnp.ones((4, 4), bool)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from softfuse.sensors.mutual_model import mutual_model, one_signal
-from softfuse.sensors.peak_fit import fit_peak
-from softfuse.sensors.peak_model import peak_model, peak_signal
+from softfuse.sensors.crossed.peak_fit import fit_peak
+from softfuse.sensors.crossed.peak_model import peak_model, peak_signal
+from softfuse.sensors.mutual.model import mutual_model, one_signal
 from softfuse.sensors.place_information import charge_of, place_told_by_grid, place_told_by_lines
 
 LINES = 8e-3 * (np.arange(8) - 3.5)

@@ -20,7 +20,7 @@ from softfuse.sensors import (
     peak_model,
     touch_detector,
 )
-from softfuse.sensors.touched_start import known_baseline
+from softfuse.sensors.crossed.touched_start import known_baseline
 
 LINES = (-28.0 + 8.0 * np.arange(8)) * 1e-3
 FLOW = [f"flow{i}_V" for i in range(4)]

@@ -22,9 +22,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from softfuse.errors import SoftfuseError
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.outline import Outline
-from softfuse.errors import SoftfuseError
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
+from softfuse.errors import MeshError
+from softfuse.mesh.drawing import AbstractBlockDrawing
+from softfuse.mesh.pad import finer_to_the_top
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout import TiedLayout
 from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh
 from softfuse.robot.layout.outline import Outline
 from softfuse.robot.layout.thickness import wall_names, wall_thicknesses
-from softfuse.errors import MeshError
-from softfuse.mesh.drawing import AbstractBlockDrawing
-from softfuse.mesh.pad import finer_to_the_top
 
 
 @dataclass(frozen=True)

@@ -27,10 +27,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from softfuse.robot.layout.cavity_shape import CavityShape
-from softfuse.robot.layout.cube_sphere import cube_sphere
-from softfuse.robot.layout.direction_search import greatest
-from softfuse.robot.layout.layout import AbstractLayout
 from softfuse.errors import MeshError
 from softfuse.functional.cavity import Cavity
 from softfuse.mesh.block import block_mesh
@@ -39,6 +35,10 @@ from softfuse.mesh.quality import curved_mean_ratios
 from softfuse.mesh.subdivision import subdivided
 from softfuse.mesh.surface import Surface, cavities, enclosed_volume, outer_surface
 from softfuse.mesh.tetmesh import TetMesh, quadratic, tet_mesh
+from softfuse.robot.layout.cavity_shape import CavityShape
+from softfuse.robot.layout.cube_sphere import cube_sphere
+from softfuse.robot.layout.direction_search import greatest
+from softfuse.robot.layout.layout import AbstractLayout
 
 _ONE_PLANE = 0.3
 """Distance over base_size up to which faces of boxes that look the same way share a plane."""

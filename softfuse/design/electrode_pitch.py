@@ -1,0 +1,142 @@
+"""How lines of electrodes follow the parameters of a design, and what they tell of places."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from softfuse.config.build_mutual import mutual_grid
+from softfuse.config.build_sensors import contact_peak
+from softfuse.config.mutual import MutualSettings
+from softfuse.config.sensors import CapacitiveSettings
+from softfuse.design.plan import DesignPlan
+from softfuse.errors import ConfigError
+from softfuse.robot.body import BlockSource
+from softfuse.robot.file import Edits
+from softfuse.robot.settings import RobotSettings
+from softfuse.sensors.place_information import charge_of, place_told_by_grid, place_told_by_lines
+
+_KINDS = ("columns", "rows")
+"""In the order of the coordinates that they are at."""
+
+
+class ElectrodePitch(eqx.Module):
+    """Columns and rows of electrodes, drawn (c,) and (r,) m, and what each parameter (p,) adds to their pitch
+    (2, p) m; parameters are 0 as drawn.
+    """
+
+    drawn: tuple[Float[np.ndarray, " c"], Float[np.ndarray, " r"]]
+    ties: Float[np.ndarray, "2 p"]
+
+    @classmethod
+    def of(cls, plan: DesignPlan, config: RobotSettings) -> "ElectrodePitch":
+        """Of a plan; raises ConfigError when it changes lines of a device that has none, or bounds let them
+        leave the body or cross each other.
+        """
+        lines = _lines(config)
+        ties = np.zeros((2, len(plan.parameters)))
+        for j, parameter in enumerate(plan.parameters):
+            for i, tie in enumerate(parameter.adds):
+                if tie.electrodes is None:
+                    continue
+                if lines is None:
+                    raise ConfigError(
+                        f"{plan.path}: parameter[{j}].adds[{i}].electrodes: {config.path} has no rows and "
+                        "columns of electrodes"
+                    )
+                ties[_KINDS.index(tie.electrodes), j] += tie.times
+        if lines is None:
+            return cls((np.zeros(0), np.zeros(0)), ties)
+        pitch = cls((np.array(lines.column_x), np.array(lines.row_y)), ties)
+        pitch._check(plan, config)
+        return pitch
+
+    def lines(self, theta: Float[Array, " p"]) -> tuple[Float[Array, " c"], Float[Array, " r"]]:
+        """Columns (c,) and rows (r,) m with parameters (p,), stretched about their middle; differentiable."""
+        added = self.ties @ theta
+        columns, rows = (
+            jnp.asarray(drawn) + by * (np.arange(len(drawn)) - 0.5 * (len(drawn) - 1))
+            for drawn, by in zip(self.drawn, added, strict=True)
+        )
+        return columns, rows
+
+    def edits(self, config: RobotSettings, theta: Float[np.ndarray, " p"]) -> Edits:
+        """The edits of a config that give it the lines of parameters (p,); none where these do not change."""
+        if not self.ties.any():
+            return {}
+        assert config.sensors is not None
+        key = "mutual" if config.sensors.grid else "capacitive"
+        columns, rows = (np.asarray(each).tolist() for each in self.lines(jnp.asarray(theta)))
+        edits: dict[tuple[str | int, ...], list[str]] = {
+            ("sensors", key, "column_x"): [f"{1e3 * x:.12g} mm" for x in columns],
+            ("sensors", key, "row_y"): [f"{1e3 * y:.12g} mm" for y in rows],
+        }
+        return edits
+
+    def _check(self, plan: DesignPlan, config: RobotSettings) -> None:
+        bounds = np.array([parameter.bounds for parameter in plan.parameters])
+        for axis, (kind, drawn) in enumerate(zip(_KINDS, self.drawn, strict=True)):
+            ties = self.ties[axis]
+            if not ties.any():
+                continue
+            least, most = (np.sum(pick(ties[:, None] * bounds, axis=1)) for pick in (np.min, np.max))
+            if not np.min(np.diff(drawn)) + least > 0:
+                raise ConfigError(
+                    f"{plan.path}: parameter: {kind} of electrodes could cross: raise a lower bound of their "
+                    "pitch"
+                )
+            source = config.body.source
+            reach = 0.5 * (np.ptp(drawn) + (len(drawn) - 1) * most)
+            if (
+                isinstance(source, BlockSource)
+                and reach + abs(np.mean(drawn[[0, -1]])) > 0.5 * source.size[axis]
+            ):
+                raise ConfigError(
+                    f"{plan.path}: parameter: {kind} of electrodes could leave the body: reduce an upper "
+                    "bound of their pitch"
+                )
+
+
+def touched(
+    plan: DesignPlan, config: RobotSettings, pitch: ElectrodePitch, places: Float[Array, "s 3 3"]
+) -> Callable[[Array], Float[Array, "s 2 2"]]:
+    """Information (s, 2, 2) 1/m² of the electrodes with parameters (p,) on places (s, 3, 3) of contacts.
+
+    Crossed lines see contacts as strong as make them tell contact (contact_on_counts); a grid sees firm ones
+    (firm_on). Raises ConfigError when the device has no rows and columns of electrodes.
+    """
+    match lines := _lines(config):
+        case CapacitiveSettings():
+            assert config.contact is not None  # crossed lines sense where a disc presses
+            peak = contact_peak(lines, config.contact.radius)
+            charge = charge_of(peak, lines.touch.contact_on_counts)
+
+            def by_lines(theta: Array) -> Float[Array, "s 2 2"]:
+                columns, rows = pitch.lines(theta)
+                moved = eqx.tree_at(lambda m: (m.column_x_m, m.row_y_m), peak, (columns, rows))
+                return place_told_by_lines(moved, charge, places[:, 0, :2])
+
+            return by_lines
+        case MutualSettings():
+            grid = mutual_grid(lines).model
+
+            def by_grid(theta: Array) -> Float[Array, "s 2 2"]:
+                columns, rows = pitch.lines(theta)
+                moved = eqx.tree_at(lambda m: (m.column_x_m, m.row_y_m), grid, (columns, rows))
+                # Lines as wide as their pitch stay so.
+                width = moved.half_width_m if lines.shape.electrode_width else 0.5 * moved.pitch_m
+                moved = eqx.tree_at(lambda m: m.half_width_m, moved, width)
+                return place_told_by_grid(moved, lines.touch.firm_on, places[:, 0, :2])
+
+            return by_grid
+    raise ConfigError(
+        f"{plan.path}: {config.path} has no rows and columns of electrodes that tell places: give "
+        "place_sigma as a length"
+    )
+
+
+def _lines(config: RobotSettings) -> CapacitiveSettings | MutualSettings | None:
+    sensors = config.sensors
+    return None if sensors is None else sensors.crossed or sensors.grid

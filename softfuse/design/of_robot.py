@@ -1,0 +1,365 @@
+"""From a design plan and its device's config to the problem that is searched, and back to a config."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import tomlkit
+from jaxtyping import Array, Float
+from tomlkit.items import AoT
+
+from softfuse.config.build_attached import build_centreline, build_points
+from softfuse.config.build_device import build_device
+from softfuse.design.cable_route import CableRoute
+from softfuse.design.chamber_count import channel_edits
+from softfuse.design.electrode_pitch import ElectrodePitch, touched
+from softfuse.design.limits import Limit
+from softfuse.design.objective import (
+    AbstractMeasure,
+    Answers,
+    Closing,
+    ElectrodeError,
+    ForceError,
+    Ignorance,
+    PairError,
+    PlaceError,
+    Sensitivity,
+    ShapeError,
+    Softness,
+    Strain,
+    Unevenness,
+    WorstForceError,
+)
+from softfuse.design.plan import (
+    AnyMeasure,
+    DesignPlan,
+    LimitSettings,
+    PairErrorSettings,
+    ParameterSettings,
+    PlaceErrorSettings,
+    PlainMeasureSettings,
+    PressMeasureSettings,
+    SufferedSettings,
+)
+from softfuse.design.problem import Problem, Walls, untouched
+from softfuse.design.search import SearchSettings
+from softfuse.errors import ConfigError
+from softfuse.experiment.sweep_plan import SweepPlan
+from softfuse.experiment.sweep_series import build_series, places_of
+from softfuse.functional.material_points import MaterialPoints
+from softfuse.mechanics.model import Model
+from softfuse.mesh.block import edge_distance
+from softfuse.mesh.files import write_mesh
+from softfuse.mesh.pad import finer_to_the_top
+from softfuse.robot.body import BlockSource, FingerSource
+from softfuse.robot.chamber_shapes import written_centre, written_shape
+from softfuse.robot.file import edit, moved, saved
+from softfuse.robot.layout.layout import Parameter, TiedLayout
+from softfuse.robot.layout.layout_mesh import Fineness, LayoutMesh
+from softfuse.robot.layout.outline import Outline
+from softfuse.robot.mesh import robot_mesh
+from softfuse.robot.settings import RobotSettings
+
+ShownUnits = Mapping[str, tuple[str, float]]
+"""By SI unit, the unit that people read and how many of it are one; others are read as they are."""
+
+_PLAIN = {
+    "unevenness": Unevenness,
+    "sensitivity": Sensitivity,
+    "softness": Softness,
+    "electrode-error": ElectrodeError,
+}
+_PRESS = {
+    "force-error": ForceError,
+    "worst-force-error": WorstForceError,
+    "ignorance": Ignorance,
+    "shape-error": ShapeError,
+}
+_SUFFERED = {"closing": Closing, "strain": Strain}
+
+
+def build_layout(plan: DesignPlan, config: RobotSettings) -> TiedLayout:
+    """The layout of a plan, with parameters that are 0 as drawn.
+
+    Raises ConfigError when the device's body is no block.
+    """
+    numbers = {cavity.name: k for k, cavity in enumerate(plan.cavities)}
+
+    def parameter(settings: ParameterSettings) -> Parameter:
+        adds = {
+            (numbers[tie.cavity], tie.value): tie.times for tie in settings.adds if tie.cavity is not None
+        }
+        low, high = settings.bounds
+        return Parameter(settings.name, 0.0, low, high, settings.unit, settings.usual_change, adds)
+
+    drawn = [(cavity.shape, cavity.values(cavity.centre)) for cavity in plan.cavities]
+    return TiedLayout.of(_outside(plan, config), drawn, [parameter(each) for each in plan.parameters])
+
+
+def build_problem(plan: DesignPlan, config: RobotSettings) -> Problem:
+    """The problem of a plan without its limits, which need the device as it is: see `build_limits`.
+
+    Raises ConfigError as `build_layout` does, or when places and measures do not suit the device.
+    """
+    channel_edits(plan, config)
+    if config.body.element == "linear":
+        raise ConfigError(
+            f'{config.path}: body.element: walls of any shape need "taylor-hood" or "quadratic" elements'
+        )
+    layout = build_layout(plan, config)
+    numbers = {cavity.name: k for k, cavity in enumerate(plan.cavities)}
+    special = {_numbered(name, numbers): thickness for name, thickness in plan.walls.special.items()}
+    places, names = build_places(plan, config)
+    fronts = () if plan.front is None else (plan.front.of,)
+    wanted = (plan.objective, *(limit.of for limit in plan.limits), *fronts)
+
+    route, pitch = CableRoute.of(plan, config), ElectrodePitch.of(plan, config)
+
+    def build(mesh: LayoutMesh, theta: Float[np.ndarray, " p"]) -> Model:
+        routed = route.configured(config, theta)
+        return build_device(routed, robot_mesh(routed, mesh.mesh(theta), mesh.walls))
+
+    return Problem(
+        layout=layout,
+        fineness=_fineness(plan, config),
+        build=build,
+        places=places,
+        noise=_noise(config, plan),
+        objective=build_measure(plan, plan.objective, names),
+        walls=Walls(plan.walls.thickness, special),
+        # What presses on an electrode is felt in the same way all over it.
+        by_place=not names
+        and any(isinstance(each, PressMeasureSettings | PlaceErrorSettings) for each in wanted),
+        watch=lambda device: _watched(config, device),
+        follow=route.on_device,
+        guides=lambda theta: jnp.concatenate([jnp.zeros((0, 3)), *route.guides(theta)]),
+        touched=touched(plan, config, pitch, places) if any(map(_by_electrodes, wanted)) else untouched,
+    )
+
+
+def limits_of(plan: DesignPlan) -> tuple[LimitSettings, ...]:
+    """The limits of a plan, then what its front limits, as yet without one."""
+    return plan.limits if plan.front is None else (*plan.limits, plan.front.unlimited)
+
+
+def build_limits(
+    plan: DesignPlan, config: RobotSettings, own: Answers, settings: Sequence[LimitSettings]
+) -> tuple[Limit, ...]:
+    """Limits, those in parts of the device's own by its answers as it is."""
+
+    def limit(settings: LimitSettings, measure: AbstractMeasure) -> Limit:
+        is_now = float(measure(own))
+        low = -np.inf if settings.at_least is None else settings.at_least * is_now
+        high = np.inf if settings.at_most is None else settings.at_most * is_now
+        return Limit(measure, low, high if settings.most is None else settings.most)
+
+    return tuple(map(limit, settings, limit_measures(plan, config, settings)))
+
+
+def limit_measures(
+    plan: DesignPlan, config: RobotSettings, settings: Sequence[LimitSettings]
+) -> tuple[AbstractMeasure, ...]:
+    """What limits are of."""
+    _, names = build_places(plan, config)
+    return tuple(build_measure(plan, each.of, names) for each in settings)
+
+
+def shown_units(config: RobotSettings) -> ShownUnits:
+    """In which units people read the measures of a device."""
+    reading = ("mm³/N", 1e9) if config.gas is None else ("Pa/N", 1.0)
+    return {"m": ("mm", 1e3), "m/N": ("mm/N", 1e3), "reading/N": reading}
+
+
+def search_settings(plan: DesignPlan) -> SearchSettings:
+    """How a plan's searches go."""
+    look = plan.search
+    return SearchSettings(look.legs, look.iterations, look.move, look.improvement)
+
+
+def searched_config(plan: DesignPlan, config: RobotSettings) -> RobotSettings:
+    """The config on whose mesh a plan searches; raises ConfigError where that has no such edges."""
+    source = config.body.source
+    for name in plan.search.edges:
+        if name not in source.edges:
+            raise ConfigError(
+                f"{plan.path}: search.edges: the mesh of {config.path} has no {name}: it has "
+                f"{', '.join(source.edges) or 'none that can be chosen'}"
+            )
+    body = config.body.model_copy(update={"source": source.model_copy(update=plan.search.edges)})
+    return config.model_copy(update={"body": body})
+
+
+def finer_config(config: RobotSettings, times: float) -> RobotSettings:
+    """The config whose mesh has so many times shorter edges, as far as these are configured."""
+    body = config.body.model_copy(update={"source": config.body.source.finer(times)})
+    return config.model_copy(update={"body": body})
+
+
+def build_places(plan: DesignPlan, config: RobotSettings) -> tuple[Array, tuple[str, ...]]:
+    """The places (s, 3, 3) where the device is pressed, and the names of electrodes.
+
+    Raises ConfigError when the places do not suit the device.
+    """
+    presses = SweepPlan.model_validate(
+        {"places": plan.places, "forces": {"values": ["1 N"]}},
+        context={"folder": plan.path.parent, "path": plan.path},
+    )
+    alone = build_series(presses, config)
+    places = jnp.asarray(np.concatenate([places_of(config, series) for series in alone]))
+    numbers = [k for series in alone for k in series.places if isinstance(k, int)]
+    return places, tuple(config.electrodes[k].name for k in numbers)
+
+
+def build_measure(plan: DesignPlan, settings: AnyMeasure, names: Sequence[str]) -> AbstractMeasure:
+    """A measure of presses on electrodes of such names, or at places of a surface.
+
+    Raises ConfigError when it needs what these presses do not have.
+    """
+    if names and isinstance(settings, PlaceErrorSettings):
+        raise ConfigError(
+            f"{plan.path}: {settings.measure}: electrodes are pressed as a whole, so that readings do not "
+            'change with the place: take "force-error" or "pair-error"'
+        )
+    match settings:
+        case PlainMeasureSettings():
+            return _PLAIN[settings.measure]()
+        case PressMeasureSettings():
+            return _PRESS[settings.measure](settings.force, settings.place_sigma)
+        case SufferedSettings():
+            return _SUFFERED[settings.measure](settings.force)
+        case PlaceErrorSettings():
+            return PlaceError(settings.force)
+        case PairErrorSettings():
+            for pair in settings.pairs:
+                for name in pair:
+                    if name not in names:
+                        raise ConfigError(
+                            f'{plan.path}: pairs: no press on an electrode "{name}": there are '
+                            f"{', '.join(names) or 'none'}"
+                        )
+            return PairError(jnp.array([[names.index(name) for name in pair] for pair in settings.pairs]))
+
+
+def _noise(config: RobotSettings, plan: DesignPlan) -> Float[np.ndarray, " k"]:
+    if config.gas is None:
+        return np.full(len(plan.cavities), plan.noise.volume)
+    cables = np.full(len(config.cables), plan.noise.shortening)
+    return np.append(cables, np.full(len(plan.cavities), plan.noise.pressure))
+
+
+def _watched(config: RobotSettings, device: Model) -> MaterialPoints | None:
+    if config.centreline is not None:
+        return build_centreline(config, device.body)
+    return build_points(config, device.body) if config.points else None
+
+
+def _outside(plan: DesignPlan, config: RobotSettings) -> Outline:
+    match config.body.source:
+        case BlockSource() as source:
+            return Outline.of_size(source.size)
+        case FingerSource() as source:
+            return Outline.of(source.geometry([cavity.centre for cavity in config.cavities]).block())
+        case source:
+            raise ConfigError(
+                f"{plan.path}: device: the body of {config.path} comes from a {source.type}; cavities are "
+                'designed in a "pad", a "layout" or a "finger"'
+            )
+
+
+def _fineness(plan: DesignPlan, config: RobotSettings) -> Fineness:
+    source = config.body.source
+    if isinstance(source, BlockSource):
+        longest = finer_to_the_top(
+            source.size[2],
+            source.surface_size,
+            growth=source.growth,
+            fine_depth=source.fine_depth,
+        )
+        return Fineness(source.base_size, longest)
+    assert isinstance(source, FingerSource)
+    drawn = np.array([cavity.centre for cavity in plan.cavities])
+    half = np.array([cavity.half for cavity in plan.cavities])
+    boxes = np.stack([drawn - half, drawn + half], axis=1)
+
+    def near_walls(corners: np.ndarray) -> np.ndarray:
+        return source.wall_size + source.growth * edge_distance(boxes, corners).min(axis=1)
+
+    return Fineness(source.base_size, near_walls)
+
+
+def _by_electrodes(settings: AnyMeasure) -> bool:
+    """Whether a measure asks what electrodes tell of places."""
+    if isinstance(settings, PressMeasureSettings):
+        return settings.place_sigma is None
+    return settings.measure == "electrode-error"
+
+
+def _numbered(name: str, numbers: dict[str, int]) -> str:
+    """ "(-,-), high z" as `wall_names` has it."""
+    # "left", but not where it is "left of the middle".
+    for cavity, k in sorted(numbers.items(), key=lambda item: -len(item[0])):
+        if name.startswith(cavity):
+            return f"cavity {k}{name[len(cavity) :]}"
+    return name
+
+
+def save_designed(
+    plan: DesignPlan,
+    config: RobotSettings,
+    mesh: LayoutMesh,
+    theta: Float[np.ndarray, " p"],
+    target: Path,
+) -> RobotSettings:
+    """Write the config of the device whose cavities have parameters (p,), all else and its comments kept, and
+    return it: a "layout" where the outside is a block, else a mesh in a file next to it.
+
+    Raises ConfigError when it cannot be written.
+    """
+    document = moved(config.path, target)
+    layout = mesh.layout
+    parts = list(zip(layout.shapes, map(np.asarray, layout.values(jnp.asarray(theta))), strict=True))
+    source: dict[str, Any]
+    match config.body.source:
+        case BlockSource() as block:
+            source = {
+                "type": "layout",
+                "size": [_millimetres(length) for length in block.size],
+                "surface_size": _millimetres(block.surface_size),
+                "fine_depth": _millimetres(block.fine_depth),
+                "growth": block.growth,
+                "base_size": _millimetres(block.base_size),
+                "shape": _tables([written_shape(*part) for part in parts]),
+            }
+        case _:
+            file = target.with_suffix(".vtu")
+            write_mesh(file, mesh.mesh(theta))
+            source = {"type": "mesh", "file": file.name, "unit": "m"}
+    names = [cavity.name for cavity in plan.cavities]
+    document["body"]["source"] = source
+    guides = CableRoute.of(plan, config).guides(jnp.asarray(theta))
+    for cable, places in zip(document.get("cable", ()), guides, strict=True):
+        cable["guides"] = [[_millimetres(float(x)) for x in place] for place in places]
+    edits = {**channel_edits(plan, config), **ElectrodePitch.of(plan, config).edits(config, theta)}
+    if config.estimator.reading_spread is not None:
+        # A calibration's, of other cavities.
+        edits["estimator", "reading_spread"] = None
+    for place, value in edits.items():
+        edit(document, place, value, config.path)
+    document["cavity"] = _tables(
+        [{"name": name, "centre": written_centre(*part)} for name, part in zip(names, parts, strict=True)]
+    )
+    return saved(tomlkit.dumps(document), target)
+
+
+def _tables(contents: Sequence[dict[str, Any]]) -> AoT:
+    tables = tomlkit.aot()
+    for content in contents:
+        tables.append(tomlkit.item(content))
+    tables[-1].add(tomlkit.nl())
+    return tables
+
+
+def _millimetres(length: float) -> str:
+    return f"{1e3 * length:.12g} mm"

@@ -1,0 +1,138 @@
+"""From settings to the charts of a reduced device."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from softfuse.body.body import Body
+from softfuse.config.build_device import build_limits, electrode_places
+from softfuse.config.contact import DiscSettings
+from softfuse.errors import ConfigError, SolveError
+from softfuse.mechanics.model import Model, simulate
+from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.solution import RESULTS
+from softfuse.robot.digest import digest
+from softfuse.robot.settings import RobotSettings
+from softfuse.rom.atlas import Atlas, AtlasFolder
+from softfuse.rom.cells import AbstractRegions, Cells, Spots
+from softfuse.rom.chart import Chart
+from softfuse.rom.load_paths import LoadPath, presses, pushes
+from softfuse.rom.reach import places_over
+from softfuse.rom.rest_stiffness import RestStiffness
+from softfuse.rom.snapshots import LoadsAt
+from softfuse.rom.teaching import ChartSettings, teach
+
+_REVISION = 6
+"""To be raised when other charts come of the same settings."""
+
+_LIGHT = 1e-2
+"""Of the largest force: so little that a body answers to it as at rest."""
+
+
+def build_regions(config: RobotSettings) -> AbstractRegions:
+    """The cells of a disc's workspace, or the electrodes that are pushed at.
+
+    Raises ConfigError when the config has no contact.
+    """
+    if config.contact is None:
+        raise ConfigError(f"{config.path}: contact: missing, a device is reduced for what presses on it")
+    if not isinstance(config.contact, DiscSettings):
+        return Spots(electrode_places(config))
+    workspace = config.contact.workspace
+    low, high = zip(workspace.x, workspace.y, strict=True)
+    return Cells.over(low, high, config.reduction.cell, config.contact.direction)
+
+
+def reduction_mark(config: RobotSettings) -> str:
+    """What tells two reduced devices apart: a digest of all settings that have a say."""
+    parts = {"body", "cavities", "cables", "gas", "contact", "electrodes", "reduction"}
+    return f"{_REVISION}-{digest(config, parts)}"
+
+
+def with_charts(config: RobotSettings, device: Model, folder: Path | None) -> Model | Atlas:
+    """The charts of a folder that were made of the config's device; the device itself without a folder.
+
+    Raises ConfigError when the config has no contact, SoftfuseError when a chart is missing, damaged or
+    another device's.
+    """
+    if folder is None:
+        return device
+    return Atlas(device, build_regions(config), AtlasFolder(folder, reduction_mark(config)))
+
+
+@dataclass(frozen=True, eq=False)
+class Teacher:
+    """Makes the charts of a full device, which has that stiffness at rest."""
+
+    config: RobotSettings
+    device: Model
+    stiffness: RestStiffness
+    regions: AbstractRegions
+
+    @cached_property
+    def _loads_at(self) -> LoadsAt:
+        # One function for all charts: programs are compiled anew for every other one.
+        return lambda body, places: replace(self.device, body=body).loads(places)
+
+    def chart(self, number: int) -> Chart:
+        """The chart of a region; raises SolveError as `teach` and `largest_force` do."""
+        given = self.config.reduction
+        assert isinstance(self.device.body, Body)
+        paths, around = self._lesson(number)
+        return teach(
+            self.device.linear,
+            self.device.body,
+            self.stiffness,
+            self._loads_at,
+            paths,
+            around=around,
+            settings=ChartSettings(given.displacements, given.pressures, given.sampling, given.points),
+        )
+
+    def largest_force(self, number: int) -> float:
+        """The largest force [N] of a contact that a region's chart is good for.
+
+        Raises SolveError when the body has no equilibrium under a hundredth of the contact's `max_force`.
+        """
+        contact, travel = self.config.contact, self.config.reduction.travel
+        assert contact is not None
+        if travel is None:
+            return contact.max_force
+        place, drives = jnp.asarray(self._middle(number))[None], self.device.contacts[0].drives
+        force = _LIGHT * contact.max_force
+        drive = self.device.rest_state(place).drive.at[:drives].set(force / drives)
+        found = simulate(self.device, place, drive)
+        if found.result != RESULTS.converged:
+            raise SolveError(f"region {number}: no equilibrium at {force:g} N: {RESULTS[found.result]}")
+        shape = self.device.body.displacement(found.state.z)
+        moved = float(jnp.max(jnp.linalg.norm(shape, axis=1)))
+        return min(contact.max_force, travel * force / moved)
+
+    def _middle(self, number: int) -> Float[np.ndarray, "3 3"]:
+        """The place in the middle of a region."""
+        if isinstance(self.regions, Cells):
+            return self.regions[number].at(np.zeros(2))
+        assert isinstance(self.regions, Spots)
+        return self.regions.places[number]
+
+    def _lesson(self, number: int) -> tuple[list[LoadPath], list[Array]]:
+        """The load paths in a region, and places (1, ...) all over it."""
+        given = self.config.reduction
+        force = self.largest_force(number)
+        if isinstance(self.regions, Cells):
+            cell = self.regions[number]
+            paths = presses(cell, force, side=given.side, levels=given.levels, near=given.near)
+            contact = self.device.contacts[0]
+            assert isinstance(contact, PunchContact)
+            over = places_over(cell, contact.disc, np.asarray(self.device.body.rest))
+            return paths, [jnp.asarray(place)[None] for place in over]
+        limits, place = build_limits(self.config, 1), jnp.asarray(self._middle(number))[None]
+        low, high = np.asarray(limits.lower), np.array(limits.upper)
+        patches = self.device.contacts[0].drives
+        cables = slice(patches, patches + len(self.config.cables))
+        high[:patches], high[cables] = force, np.minimum(high[cables], given.tension or np.inf)
+        return pushes(place, patches, low, high, levels=given.levels, near=given.near), [place]

@@ -1,0 +1,25 @@
+"""All kinds of sensors by the `type` of their [[sensor]] table: a new one is a file of its own and a line
+here.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from softfuse.sensors.base import SensorSettings
+from softfuse.sensors.cable_length import CableLengthSettings
+from softfuse.sensors.crossed.settings import CrossedSettings
+from softfuse.sensors.electrodes.sensor import ElectrodeSettings
+from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.mutual.settings import MutualSettings
+from softfuse.sensors.pressure.sensor import PressureSettings
+
+SENSORS: Mapping[str, type[SensorSettings]] = MappingProxyType(
+    {
+        "flow": FlowSettings,
+        "pressure": PressureSettings,
+        "crossed-diamonds": CrossedSettings,
+        "mutual-4x4": MutualSettings,
+        "electrodes": ElectrodeSettings,
+        "cable-length": CableLengthSettings,
+    }
+)

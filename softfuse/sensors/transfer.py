@@ -1,0 +1,52 @@
+"""What a channel of a sensor with an electrical output carries: volts, or counts of a digital output.
+
+Settings of such sensors write voltages with their unit where the output is in volts, plain numbers where it
+is digital. `output` must be the first of their keys; constants of a part that is named stand for keys left
+out.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from annotated_types import Ge, Gt
+from pydantic import BeforeValidator, ValidationInfo
+
+from softfuse.io.quantity import VOLTAGE, VOLTAGE_WALK, Dimension, shown, wrong_value
+
+
+def number(value: Any) -> float:
+    """A plain number."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise wrong_value(f"{shown(value)} is no plain number, as the output is digital")
+    return float(value)
+
+
+def in_output(volts: Dimension, digital: Dimension | None = None) -> BeforeValidator:
+    """Reads a quantity in the output's unit: of one dimension for volts, of another or none for digital ones.
+    """
+
+    def parse(value: Any, info: ValidationInfo) -> float:
+        if info.data.get("output", "volts") == "volts":
+            return volts.parse(value)
+        return number(value) if digital is None else digital.parse(value)
+
+    return BeforeValidator(parse)
+
+
+def of_part(data: Any, parts: Mapping[str, Mapping[str, Any]], default: str | None = None) -> Any:
+    """Settings with the constants of the part that they name; a part that is not known is left to be refused.
+    """
+    if not isinstance(data, Mapping):
+        return data
+    return {**parts.get(data.get("part", default), {}), **data}
+
+
+Raw = Annotated[float, in_output(VOLTAGE)]
+"""A reading in V, or a plain number."""
+
+PositiveRaw = Annotated[Raw, Gt(0)]
+
+RawSpread = Annotated[Raw, Ge(0)]
+
+RawWalk = Annotated[float, in_output(VOLTAGE_WALK), Ge(0)]
+"""A random walk in V/√s, or in 1/√s of plain numbers."""
