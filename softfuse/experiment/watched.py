@@ -1,24 +1,23 @@
-"""From settings to what is watched on a device: named points, the centreline, the patches of electrodes."""
+"""What is watched on a robot: its named points, its centreline, the patches of its electrodes."""
 
-from softfuse.config.build_attached import build_centreline, build_points
-from softfuse.config.build_device import electrode_places
+import numpy as np
+
 from softfuse.experiment.posture import Watched
-from softfuse.mechanics.model import Model
-from softfuse.mesh.surface import outer_surface
-from softfuse.robot.mesh import RobotMesh
-from softfuse.robot.settings import RobotSettings
+from softfuse.mechanics.patch import PatchContact
+from softfuse.robot.robot import Robot
 
 
-def build_watched(config: RobotSettings, device: Model, mesh: RobotMesh) -> Watched:
-    """The points, the centreline if there is one, and the electrodes of a config, on its device and mesh.
+def watched_of(robot: Robot) -> Watched:
+    """The points, the centreline if there is one, and the electrodes of a robot.
 
     Raises ConfigError for a point outside the body.
     """
+    patches = [contact for contact in robot.model.contacts if isinstance(contact, PatchContact)]
     return Watched.on(
-        device,
-        build_points(config, device.body),
-        build_centreline(config, device.body) if config.centreline else None,
-        outer_surface(mesh.mesh).faces,
-        electrode_places(config),
-        config.electrodes[0].arms if config.electrodes else (),
+        robot.model,
+        robot.points(),
+        robot.centreline(),
+        robot.parts.faces,
+        np.array(list(robot.settings.places.values())).reshape(-1, 3, 3),
+        np.asarray(patches[0].offsets).tolist() if patches else (0.0,),
     )

@@ -80,6 +80,24 @@ class Robot:
         """What people call it."""
         return self.settings.robot.name
 
+    @property
+    def ranges(self) -> tuple[Float[np.ndarray, " a"], Float[np.ndarray, " a"]]:
+        """The lowest and highest of what the actuators (a,) are driven with: tensions [N], the absolute
+        pressure at rest of gas that is sealed in, driven gauge pressures [Pa].
+        """
+        low, high = np.zeros((2, len(self.addresses.drives)))
+        for cable in self.settings.cables:
+            high[self.addresses.drives[cable.name]] = cable.max_tension
+        for chamber in self.settings.chambers:
+            if chamber.gas == "sealed":
+                at = self.addresses.drives[chamber.name]
+                low[at] = high[at] = self.settings.environment.atmosphere
+            elif chamber.gas == "driven":
+                assert chamber.highest is not None  # its settings have told
+                at = self.addresses.drives[chamber.name]
+                low[at], high[at] = chamber.lowest, chamber.highest
+        return low, high
+
     def points(self) -> MaterialPoints:
         """Its named points, none or more; raises ConfigError for one outside the body."""
         with self.settings.told("point"):
