@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from softfuse.body.body import Body
 from softfuse.body.element import ELEMENTS
@@ -79,6 +79,14 @@ class Robot:
     def name(self) -> str:
         """What people call it."""
         return self.settings.robot.name
+
+    @property
+    def reading_kinds(self) -> Int[np.ndarray, " k"]:
+        """Which sensor each reading (k,) is of: those of one have one unit."""
+        kinds = np.zeros(self.model.n_readings, int)
+        for number, own in enumerate(self.addresses.readings.values()):
+            kinds[own] = number
+        return kinds
 
     @property
     def ranges(self) -> tuple[Float[np.ndarray, " a"], Float[np.ndarray, " a"]]:
