@@ -68,7 +68,7 @@ def _finger_senses(config: DeviceConfig) -> FingerSenses:
         slack_m=slack * cables,
         average_s=jnp.asarray(config.sensors.pressure.average),
         contacts=config.contact.max_contacts,
-        supplies=0 if config.sensors.pressure.supply_channel is None else 1,
+        supplies=0 if config.sensors.pressure.reference_channel is None else 1,
         lengths=len(lengths.channels) if lengths else 0,
     )
 
