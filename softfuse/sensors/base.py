@@ -121,6 +121,14 @@ class Measurement(NamedTuple):
     details: Any = None
 
 
+class Image(NamedTuple):
+    """What electrodes see: values (r, s) at heights y_m (r,) and at x_m (s,) [m] of the contact's chart."""
+
+    values: Float[np.ndarray, "r s"]
+    x_m: Float[np.ndarray, " s"]
+    y_m: Float[np.ndarray, " r"]
+
+
 class Evidence(NamedTuple):
     """What one sensor says of its c contacts.
 
@@ -144,6 +152,11 @@ class AbstractSensor(eqx.Module):
     name: eqx.AbstractVar[str]
     channels: eqx.AbstractVar[tuple[str, ...]]
     readings: eqx.AbstractVar[tuple[str, ...]]
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The SI unit of each reading, such as "m", "m^3", "Pa", "N" or "rad"; "" of a plain number."""
+        return ("",) * len(self.readings)
 
     @property
     def chambers(self) -> tuple[str, ...]:
@@ -192,6 +205,11 @@ class AbstractContactSensor(eqx.Module):
     @abstractmethod
     def init(self) -> Any:
         """State before the first frame; nothing touches."""
+
+    def image(self, details: Any) -> Image | None:
+        """What it sees, of the details of its evidence; None of one that makes no image."""
+        del details
+        return None
 
     @abstractmethod
     def touch(self, state: Any, frame: FrameTime, raw: Float[Array, " n"], hint: Hint) -> tuple[Any, Touch]:
