@@ -6,7 +6,9 @@ Sensors integrate flows and debounce touches and want every frame; forces and sh
 the machine manages. Which frames were estimated is all that it takes to repeat every number.
 """
 
+import time
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -36,9 +38,11 @@ def follow(
     with.
     """
     for frame, wanted in frames:
+        started = time.perf_counter()
         finding = tracker.sense(frame)
         if wanted:
             tracked = tracker.estimate(frame.time_s, finding)
+            tracked = replace(tracked, latency_s=time.perf_counter() - started)
             yield Estimate(tracked, _smoothed(smoother, tracked), tracker.state)
 
 

@@ -82,7 +82,7 @@ class Tracked:
     nothing touches; `force_covariance_N2` (c, c): see `posterior_covariance`, NaN where the force is;
     `places` (c, 3, 3): where the device's contact was taken to press; `covariance` (m, m): of all drives in
     their units, then of places along their tangents [m], if readings may tell them; `attached`
-    (a,): what the attached loads are driven with; `reading`, `sigma` (k,): measured; `misfit` (k,): measured
+    (a,): what the attached loads are driven with; `reading`, `sigma` (k,): measured, and which count, `valid` (k,); `misfit` (k,): measured
     minus modelled, NaN without an estimate and where a reading took no part; `evidence`: for smoothing, None where readings do not drift, the state was lost, or only readings tell of a place; `details`:
     what each sensor knows besides, by its name; `latency_s`: wall time of the frame.
     """
@@ -98,6 +98,7 @@ class Tracked:
     attached: Float[np.ndarray, " a"]
     reading: Float[np.ndarray, " k"]
     sigma: Float[np.ndarray, " k"]
+    valid: Bool[np.ndarray, " k"]
     misfit: Float[np.ndarray, " k"]
     evidence: Evidence | None
     details: Any
@@ -155,6 +156,8 @@ class Tracked:
 
     @property
     def residual(self) -> float:
-        """Root mean square misfit of the readings that took part; NaN without an estimate."""
-        known = self.misfit[np.isfinite(self.misfit)]
-        return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
+        """Root mean square misfit [standard deviations] of the readings that took part; NaN without an
+        estimate.
+        """
+        known = np.isfinite(self.misfit)
+        return float(np.sqrt(np.mean((self.misfit[known] / self.sigma[known]) ** 2))) if known.any() else np.nan

@@ -240,6 +240,7 @@ class Tracker:
             found.drive[self._split :],
             np.asarray(now.reading),
             np.asarray(now.sigma),
+            np.asarray(now.valid),
             found.misfit,
             found.evidence,
             now.details,

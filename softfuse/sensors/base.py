@@ -8,7 +8,7 @@ readings of all other sensors; the places of contacts. All of it is pure and cau
 """
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import equinox as eqx
@@ -254,6 +254,11 @@ class SensorSettings(Settings):
     @abstractmethod
     def functional(self, parts: "Parts") -> "AbstractReading | None":
         """What it measures of an equilibrium; None for one that sees contacts."""
+
+    @property
+    def places(self) -> "Mapping[str, Float[np.ndarray, '3 3']]":
+        """The named places (3, 3) where it sees contacts, none where these may be anywhere."""
+        return {}
 
     def points(self, parts: "Parts") -> Float[np.ndarray, "m 3"]:
         """Material points (m, 3) m of the body at rest that `signal` wants to be followed."""
