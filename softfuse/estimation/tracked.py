@@ -21,8 +21,8 @@ class Frame:
 
 
 def along(places: Float[np.ndarray, "c 3 3"], points: Float[np.ndarray, "c 3"]) -> Float[np.ndarray, " 2c"]:
-    """How far points (c, 3) m are along the tangents of places (c, 3, 3), from the origin (2 c,) [m]."""
-    return np.einsum("cki,ci->ck", places[:, 1:], points).ravel()
+    """How far points (c, 3) m are along the tangents of places (c, 3, 3), one after the other (2 c,) [m]."""
+    return np.einsum("cti,ci->ct", places[:, 1:], points).ravel()
 
 
 def along_axes(
