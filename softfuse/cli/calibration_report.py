@@ -17,8 +17,8 @@ from softfuse.calibration.fit import Fit
 from softfuse.calibration.posterior import AbstractPosterior
 from softfuse.cli.device_calibration import Electrodes, Felt, Quantity
 from softfuse.experiment.accuracy import NINETY
-from softfuse.experiment.calibration_figures import misfits, usefulness
-from softfuse.experiment.report import page, picture, table
+from softfuse.report.calibration_figures import misfits, usefulness
+from softfuse.report.page import page, picture, table
 from softfuse.robot.file import RobotSettings
 
 if TYPE_CHECKING:

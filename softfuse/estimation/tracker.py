@@ -240,6 +240,7 @@ class Tracker:
             found.drive[self._split :],
             np.asarray(now.reading),
             np.asarray(now.sigma),
+            np.asarray(now.valid),
             found.misfit,
             found.evidence,
             now.details,
@@ -407,6 +408,7 @@ class Tracker:
             acting = np.asarray(limits.upper > limits.lower)
             evidence = Evidence(
                 misfit,
+                np.asarray(now.sigma),
                 found.drive,
                 np.asarray(found.report.compliance),
                 along(places, places[:, 0]),
@@ -426,7 +428,7 @@ class Tracker:
         evidence = None
         if now.drift is not None:
             reading = np.where(now.valid, now.reading, np.nan)
-            evidence = Evidence.of_rest(reading, drives, len(seen.places), now.drift)
+            evidence = Evidence.of_rest(reading, np.asarray(now.sigma), drives, len(seen.places), now.drift)
         still = np.zeros((drives, drives))
         return _Estimated(np.zeros(drives), still, seen.places, as_seen(seen), unexplained, evidence, [])
 

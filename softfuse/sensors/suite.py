@@ -187,6 +187,11 @@ class SensorSuite(eqx.Module):
         return JointReading(tuple(reading for reading in each if reading is not None))
 
     @property
+    def units(self) -> tuple[str, ...]:
+        """The SI unit of each reading, see `AbstractSensor.units`."""
+        return tuple(unit for each in self.sensors for unit in each.units)
+
+    @property
     def slots(self) -> int:
         """How many contacts are followed, c."""
         return sum(contact.slots for contact in self.contacts)
