@@ -37,6 +37,7 @@ def calibrate(
     with ExitStack() as shown:
 
         def seen(work: str):
+            shown.close()  # one display at a time
             return shown.enter_context(counted(work, "done", quiet=quiet))
 
         calibrated = calibrated_robot(robot, read, out, presses=presses, seen=seen)

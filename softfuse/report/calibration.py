@@ -161,8 +161,8 @@ def write_report(path: Path, calibrated: Calibrated) -> None:
             + "".join(
                 picture(
                     _misfits(calibrated, sensor),
-                    f"{sensor[0]}: measured minus modelled readings over measured ones, before and after the fit; before: as "
-                    "configured, but for layers and cables of typical compliance where none is configured.",
+                    f"{sensor[0]}: measured minus modelled readings over measured ones, before and after the "
+                    "fit; before: as configured, but for layers and cables of typical compliance where none is configured.",
                 )
                 for sensor in calibrated.sensors
             ),

@@ -67,9 +67,9 @@ class Known:
         samples = np.flatnonzero(known & (truth.level > 0))
         if not samples.size:
             raise RecordingError(
-                f"the recording {recording.path} has no samples with known force: calibration needs the columns "
-                "sample (1, 2, ... where all is held), and true_x_mm, true_y_mm (and true_z_mm) with true_force_N, "
-                "or true_force0_N and true_contact0_electrode of each contact"
+                f"the recording {recording.path} has no samples with known force: calibration needs the "
+                "columns sample (1, 2, ... where all is held), and true_x_mm, true_y_mm (and true_z_mm) with "
+                "true_force_N, or true_force0_N and true_contact0_electrode of each contact"
             )
         has = "press" in recording.columns and np.isfinite(recording.columns["press"])
         press = np.where(has, truth.press, -1 - np.arange(n)).astype(int)
