@@ -5,12 +5,12 @@ import numpy as np
 from softfuse.cli.joined_readout import joined_words
 from softfuse.cli.readout import AbstractReadout
 from softfuse.estimation.tracker import Tracker
-from softfuse.report.figures import flat_triangles
-from softfuse.report.shape_figures import sharp_edges
 from softfuse.hardware.live.rerun_view import Picture, RerunView, Scene
 from softfuse.hardware.live.session import Published
 from softfuse.mechanics.model import Model
 from softfuse.mesh.surface import outer_surface
+from softfuse.report.figures import flat_triangles
+from softfuse.report.shape_figures import sharp_edges
 from softfuse.robot.file import RobotSettings
 from softfuse.robot.mesh import RobotMesh
 

@@ -12,9 +12,9 @@ from softfuse.cli.joined import Joined
 from softfuse.cli.readout import Column
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, known
 from softfuse.estimation.tracked import Tracked
+from softfuse.mesh.files import write_mesh
 from softfuse.report import figures
 from softfuse.report.page import page, picture, spread_table, table
-from softfuse.mesh.files import write_mesh
 from softfuse.sensors.status import Status
 
 _TIME, _LATENCY = Column("time_s", 4), Column("latency_ms", 2)
