@@ -24,10 +24,6 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body import LINEAR, Body
-from softfuse.mechanics import RESULTS, Loads, Newton, State, solve
-from softfuse.mechanics.cable import PulledCable, ShortenedCable
-from softfuse.mechanics.dense import Dense
-from softfuse.mechanics.patch import PatchContact
 from softfuse.estimation.device import Device
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation, exact_steps
@@ -35,6 +31,10 @@ from softfuse.functional import Marker, uniform
 from softfuse.functional.cable import guide_forces, length
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.material import Corotational, lame_constants
+from softfuse.mechanics import RESULTS, Loads, Newton, State, solve
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.patch import PatchContact
 from softfuse.mesh.surface import boundary_faces
 from softfuse.mesh.tetmesh import tet_mesh
 
@@ -193,7 +193,7 @@ def inverse_with_our_energy(finger: Reference, tip: int) -> tuple[float, float, 
     """Shortening [m], tension [N] and distance [m] from SOFA's tip, by the estimator's own steps."""
     body = our_body(finger)
     cable = PulledCable.through(body, finger.guides, finger.pulled_at)
-    sensors = tuple(Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
+    sensors = (Marker.of(body, finger.nodes[tip]),)
     faces = boundary_faces(tet_mesh(finger.nodes, finger.tets)).faces
     inwards = np.array([[0.0, 0.0, 1.0]])
     nothing = PatchContact.on(faces, np.zeros((1, 1, 3)), inwards, uniform(rings=1, angles=4), 1e-3)

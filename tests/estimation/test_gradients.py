@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.mechanics.cable import PulledCable, ShortenedCable
-from softfuse.mechanics.dense import Dense
-from softfuse.mechanics.gas import SealedGas
-from softfuse.mechanics.patch import PatchContact
 from softfuse.estimation.device import Device, simulate
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.nonlinear import nonlinear_estimate
 from softfuse.estimation.step import Observation
 from softfuse.functional import Cavity, Marker, uniform
 from softfuse.material import NeoHookean
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.patch import PatchContact
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
 
@@ -59,7 +59,7 @@ def pulled() -> Device:
     middle, inwards = np.array([[[0.02, 0.02, 0.009]]]), np.array([[0.0, -1.0, 0.0]])
     contact = PatchContact.on(faces, middle, inwards, uniform(rings=3, angles=8), 5e-3)
     tip = int(np.argmax(mesh.nodes @ [1.0, 0.1, 0.1]))
-    sensors = tuple(Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
+    sensors = (Marker.of(body, mesh.nodes[tip]),)
     return Device(body, sensors, contact, Dense.plan(body), (cable, gas), gauges=(0, 1, 2))
 
 
