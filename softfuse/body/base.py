@@ -23,15 +23,14 @@ _WRITTEN_OUT = 3  # columns
 class AbstractBody(eqx.Module):
     """A body in equilibrium under what pushes its nodes.
 
-    `rest` (k, 3) [m] and `tets` (e, a): its mesh, of `element`s; `materials`: the laws of its regions;
-    `factors` (e,) [-]: how many times as stiff as its material each element is, None: all just as stiff;
-    `pressure_unit` [Pa]: a typical stiffness of its materials; `n`: number of unknowns.
+    `rest` (k, 3) [m] and `tets` (e, a): its mesh, of `element`s; `factors` (e,) [-]: how many
+    times as stiff as its material each element is, None: all just as stiff; `pressure_unit` [Pa]: a typical
+    stiffness of its materials; `n`: number of unknowns.
     """
 
     rest: eqx.AbstractVar[Float[Array, "k 3"]]
     tets: eqx.AbstractVar[Int[Array, "e a"]]
     element: eqx.AbstractVar[Element]
-    materials: eqx.AbstractVar[tuple[AbstractMaterial, ...]]
     factors: eqx.AbstractVar[Float[Array, " e"] | None]
     pressure_unit: eqx.AbstractVar[Float[Array, ""]]
     n: eqx.AbstractVar[int]
@@ -40,6 +39,10 @@ class AbstractBody(eqx.Module):
     def n_nodes(self) -> int:
         """Number of displacement nodes."""
         return self.rest.shape[0]
+
+    @abstractmethod
+    def law(self, region: int) -> AbstractMaterial:
+        """The material of a region of its mesh."""
 
     @property
     @abstractmethod
@@ -58,6 +61,10 @@ class AbstractBody(eqx.Module):
     @abstractmethod
     def element_tangents(self, z: Float[Array, " n"]) -> Float[Array, "e d d"]:
         """Second derivatives (e, d, d) of L's parts, in the order of `element_unknowns`."""
+
+    @abstractmethod
+    def weight_resultant(self, z: Float[Array, " n"]) -> Float[Array, "6"]:
+        """Gravity's force [N], and its moment about the origin [Nm], on the whole body (6,)."""
 
     @abstractmethod
     def stiffened(

@@ -134,6 +134,10 @@ class Body(AbstractBody):
         )
         return eqx.tree_at(lambda b: b.weight, body, jax.jit(_weight)(body))
 
+    def law(self, region: int) -> AbstractMaterial:
+        """The material of a region of its mesh."""
+        return self.materials[region]
+
     @property
     def volume(self) -> Float[Array, ""]:
         """Volume [m³] of the material at rest."""
@@ -203,6 +207,18 @@ class Body(AbstractBody):
         padded = _with_held(z)
         parts = [region.tangents(padded) for region in self.regions()]
         return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+
+    def masses(self) -> Float[Array, " k"]:
+        """Of the nodes (k,) [kg]; those of quadratic elements may be negative."""
+        density = jnp.repeat(self.densities, np.array(self.counts), total_repeat_length=len(self.tets))
+        each = jnp.asarray(self.element.values).T @ (self.volumes * density)
+        return jnp.zeros(self.n_nodes).at[self.tets.T].add(each)
+
+    def weight_resultant(self, z: Float[Array, " n"]) -> Float[Array, "6"]:
+        """Gravity's force [N], and its moment about the origin [Nm], on the whole body (6,)."""
+        masses = self.masses()
+        first = masses @ (self.rest + self.displacement(z))
+        return jnp.concatenate([jnp.sum(masses) * self.gravity, jnp.cross(first, self.gravity)])
 
     def stiffened(
         self,

@@ -40,7 +40,7 @@ def _polynomial(nodes: int) -> tuple[Float[np.ndarray, "a 4"], Float[np.ndarray,
 
 def _shape(local: Float[Array, "g 3"], nodes: int) -> tuple[Float[Array, "g a"], Float[Array, "g a 3"]]:
     """N_a (g, a) and ∂N_a/∂ξ (g, a, 3) at ξ (g, 3)."""
-    at_zero, bend = _polynomial(nodes)
+    at_zero, bend = map(jnp.asarray, _polynomial(nodes))
     whole = jnp.concatenate([1 - jnp.sum(local, axis=1, keepdims=True), local], axis=1)
     slopes = at_zero + jnp.einsum("gj,jai->gai", whole, bend)
     values = jnp.einsum("gai,gi->ga", 0.5 * (slopes + at_zero), whole)

@@ -82,7 +82,7 @@ def _hydrostatic(
     factors: Float[Array, " g"],
 ) -> Float[Array, " g"]:
     """−tr σ/3 (g,) [Pa] at points of one material."""
-    law = body.materials[region]
+    law = body.law(region)
 
     def energy(f: Float[Array, "3 3 g"]) -> Float[Array, ""]:
         measures = law.measures(components(f))

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
+from softfuse.functional.cavity import Cavity
 from softfuse.mechanics.load import AbstractLoad, AbstractPorts, Sizes
 from softfuse.mechanics.volume import VolumePorts
-from softfuse.functional.cavity import Cavity
 
 
 class SealedGas(AbstractLoad):

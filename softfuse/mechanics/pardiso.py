@@ -13,9 +13,9 @@ import jax
 from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
+from softfuse.errors import SolveError
 from softfuse.mechanics.assembly import Pattern, assemble, upper_pattern
 from softfuse.mechanics.linear_solver import AbstractLinearSolver
-from softfuse.errors import SolveError
 
 
 def _library() -> ModuleType:

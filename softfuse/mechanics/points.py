@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
 from softfuse.functional.material_points import MaterialPoints
-from softfuse.mechanics.load import AbstractPorts
+from softfuse.mechanics.load import AbstractPorts, force_resultants
 
 
 class AbstractGuides(AbstractPorts):
@@ -23,6 +23,10 @@ class AbstractGuides(AbstractPorts):
     @abstractmethod
     def location(self) -> Float[Array, "g 3"]:
         """Where they are on the body at rest (g, 3) [m]."""
+
+    def resultants(self, body, z):
+        """Unit forces along the axes at the places (6, 3 g)."""
+        return force_resultants(self.values(body, z).reshape(-1, 3))
 
 
 class PointPorts(AbstractGuides):

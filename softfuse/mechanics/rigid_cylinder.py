@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
+from softfuse.functional.material_points import MaterialPoints
 from softfuse.mechanics.load import AbstractLoad, Sizes
 from softfuse.mechanics.points import PointPorts
-from softfuse.functional.material_points import MaterialPoints
 
 _SOFTENING = 1e-8  # of 1/stiffness: points that a coarse mesh cannot tell apart share their force
 

@@ -12,9 +12,9 @@ ACM TOMS 37(3), 2010 (KLU).
 from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
+from softfuse.errors import SolveError
 from softfuse.mechanics.assembly import Pattern, assemble, full_pattern, upper_pattern
 from softfuse.mechanics.linear_solver import AbstractLinearSolver
-from softfuse.errors import SolveError
 
 
 class SparseCholesky(AbstractLinearSolver):

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from softfuse.body.body import Body
-from softfuse.rom.body_arrays import of_nodes, place_among
+from softfuse.rom.body_arrays import carried, of_nodes, place_among
 from softfuse.rom.chart import Chart
 from softfuse.rom.mode_points import ModePoints
 from softfuse.rom.reduced_body import ReducedBody
@@ -43,6 +43,8 @@ def project(body: Body, stiffness: RestStiffness, chart: Chart) -> ReducedBody:
         linear=jnp.asarray(linear),
         weight=jnp.asarray(columns.T @ np.asarray(body.weight)),
         rest_volume=body.volume,
+        carried=carried(body, chart.basis.displacement, n),
         stiffness=jnp.asarray(1 / chart.compliance),
+        element=body.element,
         n=n,
     )

@@ -34,8 +34,9 @@ class ReducedBody(AbstractBody):
     are, u or more for held ones; `pressure_modes` (c, n − m) [-]: in units of pressure at the pressure nodes;
     `seen` (k,): the place of each watched node in `seen_shapes` (w, 3, m) [m], w for nodes that nothing looks
     at; `sample`: the weighted points, those of each material together; `linear` (n, n): K₀ − Σ w B_qᵀ s'(0)
-    B_q, or 0; `weight` (n,): g; `rest_volume` [m³]; `stiffness` [N/m]: of the body under a contact, by which
-    energies are told as forces.
+    B_q, or 0; `weight` (n,): g; `rest_volume` [m³]; `carried` (n + 1, 6): gravity's resultant
+    by each unknown, then at rest; `stiffness` [N/m]: of the body under a contact, by which energies are told
+    as forces.
     """
 
     rest: Float[Array, "k 3"]
@@ -51,7 +52,9 @@ class ReducedBody(AbstractBody):
     linear: Float[Array, "n n"]
     weight: Float[Array, " n"]
     rest_volume: Float[Array, ""]
+    carried: Float[Array, "n_plus_1 6"]
     stiffness: Float[Array, ""]
+    element: Element = eqx.field(static=True)
     n: int = eqx.field(static=True)
 
     @property
@@ -59,15 +62,9 @@ class ReducedBody(AbstractBody):
         """m: how many of the unknowns move nodes."""
         return self.modes.shape[1]
 
-    @property
-    def element(self) -> Element:
-        """That of the full body."""
-        return self.sample[0].element
-
-    @property
-    def materials(self) -> tuple[AbstractMaterial, ...]:
-        """Those of the sample's points, one a region."""
-        return tuple(points.material for points in self.sample)
+    def law(self, region: int) -> AbstractMaterial:
+        """The material of a region of its mesh."""
+        return self.sample[region].material
 
     @property
     def volume(self) -> Float[Array, ""]:
@@ -114,6 +111,10 @@ class ReducedBody(AbstractBody):
             each.astype(jnp.float32) for each in (self.modes, self.pressure_modes, self.seen_shapes)
         )
         return replace(self, sample=sample, modes=modes, pressure_modes=pressures, seen_shapes=seen)
+
+    def weight_resultant(self, z: Float[Array, " n"]) -> Float[Array, "6"]:
+        """Gravity's force [N], and its moment about the origin [Nm], on the whole body (6,)."""
+        return z @ self.carried[:-1] + self.carried[-1]
 
     def stiffened(
         self,
