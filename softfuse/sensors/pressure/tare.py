@@ -50,29 +50,6 @@ class TareState(eqx.Module):
     """(k,) time at rest outside the gate [s]."""
 
 
-def tare_settings(
-    *,
-    offset_sigma_Pa: float = 2.5e3,
-    drift_Pa_s: float = 2.0,
-    settle_s: float = 1.0,
-    follow_s: float = 5.0,
-    gate_sigma: float = 5.0,
-    relearn_s: float = 5.0,
-) -> Tare:
-    """How zeros are taken; the options are the fields of Tare.
-
-    2.5 kPa is the MPX5100's largest error; 2 Pa/s is sealed gas that warms up by 0.35 K a minute.
-    """
-    return Tare(
-        offset_sigma_Pa=jnp.asarray(offset_sigma_Pa, float),
-        drift_Pa_s=jnp.asarray(drift_Pa_s, float),
-        settle_s=jnp.asarray(settle_s, float),
-        follow_s=jnp.asarray(follow_s, float),
-        gate_sigma=jnp.asarray(gate_sigma, float),
-        relearn_s=jnp.asarray(relearn_s, float),
-    )
-
-
 def tare_init(tare: Tare, nominal_Pa: Float[Array, " k"]) -> TareState:
     """State before any reading: nominal_Pa (k,) reading of a perfect part at rest [Pa]."""
     nominal = jnp.asarray(nominal_Pa, float)
