@@ -190,11 +190,6 @@ def test_the_cable_is_optional_and_so_is_its_sensor(write_finger: Write, finger_
             'sensors: two sensors write in the column "electrode3": give each its own',
         ),
         (
-            'type = "MPX5100A"',
-            'type = "MPX5100"',
-            'sensors.pressure.type: "MPX5100" is none of "MPX5100A", "MPX5100D", "MPX5100G"',
-        ),
-        (
             'supply = "5 V"',
             'supply = "3.3 V"',
             'sensors.pressure.reference: 3.3 is not between 4.75 and 5.25',

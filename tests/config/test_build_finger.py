@@ -275,7 +275,7 @@ def test_settings_reach_the_sensors(edited: Edited) -> None:
         )
     )
     np.testing.assert_allclose(pressure.rest_Pa, 95e3)
-    assert (float(pressure.supply_V), float(pressure.clip_low_V), pressure.lag) == (5.1, 3e-3, 7)
+    assert (float(pressure.reference), float(pressure.clip_low), pressure.lag) == (5.1, 3e-3, 7)
     assert (float(pressure.gain_sigma), float(pressure.hold_off_s)) == (0.02, 2.0)
     assert (float(pressure.tare.settle_s), float(pressure.tare.drift_Pa_s)) == (2.0, pytest.approx(0.1))
     leak = pressure.leak

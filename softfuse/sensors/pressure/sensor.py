@@ -260,7 +260,7 @@ class PressureSettings(SensorSettings):
 
     type: Literal["pressure"] = "pressure"
     chambers: Names
-    part: Annotated[str | None, AfterValidator(lambda value: _known(value))] = None
+    part: str | None = None
     output: Literal["volts", "counts"] = "volts"
     range: Annotated[tuple[Pressure, Pressure], AfterValidator(_ascending)]
     slope: Annotated[float, BeforeValidator(_SLOPE.parse)] | None = None
@@ -416,8 +416,3 @@ class PressureSettings(SensorSettings):
             high=self.full_scale - step,
         )
 
-
-def _known(part: str | None) -> str | None:
-    if part is not None and part not in PRESSURE_PARTS:
-        raise wrong_value(f'there is no "{part}" among {", ".join(PRESSURE_PARTS)}: give its slope and offset')
-    return part
