@@ -14,18 +14,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from softfuse.body.element import Element
+from softfuse.material.base import AbstractMaterial
+
 _WRITTEN_OUT = 3  # columns
 
 
 class AbstractBody(eqx.Module):
     """A body in equilibrium under what pushes its nodes.
 
-    `rest` (k, 3) [m] and `tets` (e, a): its mesh; `pressure_unit` [Pa]: a typical stiffness of its materials;
-    `n`: number of unknowns.
+    `rest` (k, 3) [m] and `tets` (e, a): its mesh, of `element`s; `materials`: the laws of its regions;
+    `factors` (e,) [-]: how many times as stiff as its material each element is, None: all just as stiff;
+    `pressure_unit` [Pa]: a typical stiffness of its materials; `n`: number of unknowns.
     """
 
     rest: eqx.AbstractVar[Float[Array, "k 3"]]
     tets: eqx.AbstractVar[Int[Array, "e a"]]
+    element: eqx.AbstractVar[Element]
+    materials: eqx.AbstractVar[tuple[AbstractMaterial, ...]]
+    factors: eqx.AbstractVar[Float[Array, " e"] | None]
     pressure_unit: eqx.AbstractVar[Float[Array, ""]]
     n: eqx.AbstractVar[int]
 
@@ -77,6 +84,10 @@ class AbstractBody(eqx.Module):
         """Displacements (k, 3) m of the nodes that loads and functionals look at, NaN where none does: what
         live steps use instead of `displacement`.
         """
+
+    @abstractmethod
+    def pressures(self, z: Float[Array, " n"], nodes: Int[Array, "..."]) -> Float[Array, "..."]:
+        """Pressures (...) [Pa], tension positive, of pressure nodes (...) of a body of mixed elements."""
 
     @abstractmethod
     def spread(self, nodes: Int[Array, "..."], forces: Float[Array, "... 3 c"]) -> Float[Array, "n c"]:

@@ -232,6 +232,10 @@ class Body(AbstractBody):
         """All nodal displacements (k, 3) m."""
         return self.displacement(z)
 
+    def pressures(self, z: Float[Array, " n"], nodes: Int[Array, "..."]) -> Float[Array, "..."]:
+        """Pressures (...) [Pa], tension positive, of pressure nodes (...) of mixed elements."""
+        return self.pressure_unit * z[self.n_displacements + nodes]
+
     def spread(self, nodes: Int[Array, "..."], forces: Float[Array, "... 3 c"]) -> Float[Array, "n c"]:
         """Nodal forces (n, c) [N] of forces (..., 3, c) on nodes (...); what is on held ones is dropped."""
         index = self.displacement_index[nodes]

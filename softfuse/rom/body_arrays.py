@@ -60,6 +60,8 @@ def body_of(full: Body, arrays: Arrays, points: Sequence[int], watched: int) -> 
         pressure_unit=full.pressure_unit,
         modes=jnp.asarray(modes),
         index=full.displacement_index,
+        pressure_modes=jnp.asarray(arrays["pressure"]),
+        factors=full.factors,
         seen=place_among(nodes, full.n_nodes, watched),
         seen_shapes=jnp.asarray(shapes),
         sample=tuple(sample),

@@ -35,6 +35,8 @@ def project(body: Body, stiffness: RestStiffness, chart: Chart) -> ReducedBody:
         pressure_unit=body.pressure_unit,
         modes=jnp.asarray(chart.basis.displacement),
         index=body.displacement_index,
+        pressure_modes=jnp.asarray(chart.basis.pressure),
+        factors=body.factors,
         seen=place_among(watched, body.n_nodes, len(watched)),
         seen_shapes=jnp.asarray(of_nodes(body, watched, chart.basis.displacement)),
         sample=sample,

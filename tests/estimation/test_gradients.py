@@ -59,7 +59,7 @@ def pulled() -> Device:
     middle, inwards = np.array([[[0.02, 0.02, 0.009]]]), np.array([[0.0, -1.0, 0.0]])
     contact = PatchContact.on(faces, middle, inwards, uniform(rings=3, angles=8), 5e-3)
     tip = int(np.argmax(mesh.nodes @ [1.0, 0.1, 0.1]))
-    sensors = tuple(Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
+    sensors = (Marker.of(body, mesh.nodes[tip]),)
     return Device(body, sensors, contact, Dense.plan(body), (cable, gas), gauges=(0, 1, 2))
 
 
