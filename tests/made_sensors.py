@@ -18,7 +18,7 @@ from softfuse.sensors.mutual.settings import MutualSettings, MutualShapeSettings
 from softfuse.sensors.pressure.filter import PressureSensor
 from softfuse.sensors.pressure.leak import LeakTest
 from softfuse.sensors.pressure.sensor import LeakSettings, PressureSettings, TareSettings
-from softfuse.sensors.pressure.tare import Tare
+from softfuse.sensors.tare import Tare
 
 
 def names(count: int) -> list[str]:
@@ -96,7 +96,13 @@ def electrode_detector(count: int, *, creep_time: float = 60.0, **options: Any) 
 
 def mutual_grid(column_x: Any, row_y: Any, **shape: Any) -> MutualGrid:
     """A grid of 4 × 4 cells; options of what a finger leaves on it."""
-    keys = {"name": "grid", "contact": "contact", "channels": names(16), "row_y": mm(row_y), "column_x": mm(column_x)}
+    keys = {
+        "name": "grid",
+        "contact": "contact",
+        "channels": names(16),
+        "row_y": mm(row_y),
+        "column_x": mm(column_x),
+    }
     update = {"shape": MutualShapeSettings().model_copy(update=shape)}
     return MutualSettings.model_validate(keys).model_copy(update=update).grid()
 

@@ -192,9 +192,7 @@ class AbstractContactSensor(eqx.Module):
         """State before the first frame; nothing touches."""
 
     @abstractmethod
-    def touch(
-        self, state: Any, frame: FrameTime, raw: Float[Array, " n"], hint: Hint
-    ) -> tuple[Any, Touch]:
+    def touch(self, state: Any, frame: FrameTime, raw: Float[Array, " n"], hint: Hint) -> tuple[Any, Touch]:
         """What touches in a frame of raw readings (n,), NaN where missing."""
 
     @abstractmethod
@@ -274,14 +272,14 @@ class SensorSettings(Settings):
     ) -> Float[np.ndarray, "m n"]:
         """Raw readings (m, n) of real parts at increasing times (m,) [s]; the same for the same seed."""
         made, read = map(np.random.default_rng, np.random.SeedSequence(list(seed)).spawn(2))
-        return read_channels(
-            self.electronics(parts, made), read, time_s, self.ideal(parts, time_s, values)
-        )
+        return read_channels(self.electronics(parts, made), read, time_s, self.ideal(parts, time_s, values))
 
     def _one_each(self, key: str, values: Sequence[object], count: int) -> None:
         """Raise the error of a validator unless there is one value, or one for each of so many."""
         if len(values) not in (1, count):
-            raise wrong_value(f"{len(values)} values for {count} channels: give one, or one for each", key=key)
+            raise wrong_value(
+                f"{len(values)} values for {count} channels: give one, or one for each", key=key
+            )
 
     def _wrong(self, message: str) -> ConfigError:
         return ConfigError(f'sensor "{self.name}": {message}')

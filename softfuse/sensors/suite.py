@@ -313,9 +313,7 @@ class SensorSuite(eqx.Module):
             Status.nothing_measured: jnp.any(pressing) & ~told if len(self.readings) else no,
         }
         names = [each.name for each in (*self.sensors, *self.contact_sensors)]
-        details = {
-            name: each.details for name, each in zip(names, (*measured, *evidence), strict=True)
-        }
+        details = {name: each.details for name, each in zip(names, (*measured, *evidence), strict=True)}
         return Observation(
             reading=jnp.concatenate([jnp.zeros(0), *(each.value for each in measured)]),
             sigma=jnp.concatenate([jnp.zeros(0), *(each.sigma for each in measured)]),

@@ -38,7 +38,9 @@ def of_part(data: Any, parts: Mapping[str, Mapping[str, Any]]) -> Any:
     part = data["part"]
     if part not in parts:
         known = ", ".join(parts)
-        raise wrong_value(f"{shown(part)} is none of {known}: leave it out and give its constants", key="part")
+        raise wrong_value(
+            f"{shown(part)} is none of {known}: leave it out and give its constants", key="part"
+        )
     return {**parts[part], **data}
 
 

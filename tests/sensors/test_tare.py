@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from made_sensors import tare
 
-from softfuse.sensors.pressure.tare import tare_init, tare_known, tare_update, tare_variance
+from softfuse.sensors.tare import tare_init, tare_known, tare_update, tare_variance
 
 TARE = tare()
 NOISE = 44.0

@@ -77,9 +77,7 @@ class SingleElectrodes(AbstractContactSensor):
     def init(self):
         """Untouched. Raises ConfigError for more slots than electrodes."""
         none = jnp.zeros(self.slots, int)
-        return ElectrodesState(
-            electrode_init(self.detector, self.slots), none, jnp.zeros(self.slots, bool)
-        )
+        return ElectrodesState(electrode_init(self.detector, self.slots), none, jnp.zeros(self.slots, bool))
 
     def touch(self, state, frame, raw, hint):
         """By the signal of each, in counts (n,)."""

@@ -167,7 +167,9 @@ class FlowSettings(SensorSettings):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if not self.low < self.zero < self.high:
-            raise wrong_value(f"zero = {self.zero:g} must lie between low = {self.low:g} and high = {self.high:g}")
+            raise wrong_value(
+                f"zero = {self.zero:g} must lie between low = {self.low:g} and high = {self.high:g}"
+            )
         self._one_each("gain", self.gain, len(self.channels))
         if len(self.chambers) != len(self.channels):
             raise wrong_value(f"{len(self.channels)} for {len(self.chambers)} chambers", key="channels")

@@ -16,7 +16,9 @@ from types import MappingProxyType
 from typing import Any
 
 
-def _nxp(slope: float, offset: float, low: float, high: float, *, error: float = 0.025, absolute: bool = False):
+def _nxp(
+    slope: float, offset: float, low: float, high: float, *, error: float = 0.025, absolute: bool = False
+):
     return {
         "output": "volts",
         "slope": f"{slope} kPa^-1",

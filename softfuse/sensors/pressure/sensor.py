@@ -45,7 +45,7 @@ from softfuse.sensors.pressure.filter import (
     pressure_update,
 )
 from softfuse.sensors.pressure.leak import LeakTest
-from softfuse.sensors.pressure.tare import Tare
+from softfuse.sensors.tare import Tare
 from softfuse.sensors.transfer import PositiveRaw, Raw, of_part
 
 _SLOPE = Dimension("an output per pressure", "Pa^-1", "0.009 kPa^-1")
@@ -384,9 +384,7 @@ class PressureSettings(SensorSettings):
     def functional(self, parts):
         """What answers the filling of sealed chambers, and what others are driven with."""
         kinds = {True: AnswerReading, False: DriveReading}
-        return JointReading(
-            tuple(kinds[chamber.sealed]((chamber.drive,)) for chamber in self._tapped(parts))
-        )
+        return JointReading(tuple(kinds[chamber.sealed]((chamber.drive,)) for chamber in self._tapped(parts)))
 
     def ideal(self, parts, time_s, values):
         """Of gauge pressures (m, k) Pa, and the nominal reference."""
@@ -415,4 +413,3 @@ class PressureSettings(SensorSettings):
             low=0.0,
             high=self.full_scale - step,
         )
-
