@@ -288,7 +288,13 @@ class Tracker:
             self._slopes_at = attached
         valid = np.isfinite(self._unexplained)
         return pattern_fit(
-            pattern.places, pattern.pitch_m, self._slopes, self._unexplained, self._uncertain, valid
+            pattern.places,
+            pattern.pitch_m,
+            self._slopes,
+            self._unexplained,
+            self._uncertain,
+            valid,
+            self.robot.reading_kinds,
         )
 
     def _prepare(self) -> Future[_Pattern]:
@@ -428,9 +434,9 @@ class Tracker:
 
     def _model_error(self, seen: Seen) -> ModelError:
         """By how much the model may be wrong; where only readings tell of a contact, never by nothing."""
-        given = self.settings.model_error
+        given = replace(self.settings.model_error, kind=self.robot.reading_kinds)
         alone = seen.unseen.any() or self.robot.unseen.any()
-        return AS_DRAWN if given.part == 0 and self._search and alone else given
+        return replace(AS_DRAWN, kind=given.kind) if given.part == 0 and self._search and alone else given
 
     def _told(self, seen: Seen) -> Bool[np.ndarray, " c"]:
         """Contacts (c,) whose places readings tell: of a model about whose errors nothing is known, only of
