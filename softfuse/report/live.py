@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -18,7 +19,9 @@ from softfuse.mesh.surface import outer_surface
 from softfuse.report.columns import Columns, Value, smoothed_columns, smoothed_values, smoothed_words
 from softfuse.report.figures import flat_triangles
 from softfuse.report.shape_figures import sharp_edges
-from softfuse.robot.robot import Robot
+from softfuse.robot.reduced import with_charts
+from softfuse.robot.robot import Robot, build_robot, require_sensors
+from softfuse.robot.settings import RobotSettings
 
 PICTURES_A_SECOND = 20.0
 
@@ -36,6 +39,16 @@ class LiveEstimates:
     def of(cls, robot: Robot, tracker: Tracker) -> Self:
         """By a tracker that has seen nothing; raises ConfigError for points outside the body."""
         return cls(robot, tracker, Columns(robot), smoother_of(tracker))
+
+    @classmethod
+    def built(cls, settings: RobotSettings, charts: Path | None = None) -> Self:
+        """Mesh, build and compile, with the reduced models of a folder if there is one.
+
+        Raises ConfigError for a robot that cannot be estimated, SoftfuseError as `with_charts`.
+        """
+        require_sensors(settings)
+        robot = build_robot(settings)
+        return cls.of(robot, Tracker(robot, with_charts(robot, charts)))
 
     @property
     def channels(self) -> tuple[str, ...]:
