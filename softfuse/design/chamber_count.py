@@ -48,8 +48,8 @@ def channel_edits(plan: DesignPlan, config: RobotSettings) -> Edits:
             continue
         if len(sensor.gain) > 1 and len(names) != len(sensor.chambers):
             raise ConfigError(
-                f"{plan.path}: cavity: {len(names)} of them, but {config.path} has {len(sensor.gain)} values of "
-                f"gain of sensor[{k}]: give one for all there, or draw as many chambers"
+                f"{plan.path}: cavity: {len(names)} of them, but {config.path} has {len(sensor.gain)} values "
+                f"of gain of sensor[{k}]: give one for all there, or draw as many chambers"
             )
         unit = "V" if isinstance(sensor, FlowSettings) else "pressure V"
         edits["sensor", k, "chambers"] = names

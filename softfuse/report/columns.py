@@ -1,11 +1,11 @@
 """What people read of an estimate, column by column, in files and live, derived from the names of a robot.
 
-`contacts`; of all contacts together `x_mm`, `y_mm`, `z_mm`, `force_N` and their standard deviations; the same of
-each where several may touch at once, `<contact><number>_...`, and `..._place` where places have names; of each
-cable `<name>_mm` and `<name>_N`, of each chamber `<name>_Pa`, or `<name>_mm3` of one that is vented; of each
-reading `<sensor>_<part>_<unit>` as measured, and by how much the model misses it, `..._misfit_<unit>`; of each
-point `<name>_x_mm` ...; of the centreline `bend<link>_deg`, `curvature<link>_1_m` and `tip_bend_deg`; `residual`,
-the root mean square misfit in standard deviations.
+`contacts`; of all contacts together `x_mm`, `y_mm`, `z_mm`, `force_N` and their standard deviations; the same
+of each where several may touch at once, `<contact><number>_...`, and `..._place` where places have names; of
+each cable `<name>_mm` and `<name>_N`, of each chamber `<name>_Pa`, or `<name>_mm3` of one that is vented; of
+each reading `<sensor>_<part>_<unit>` as measured, and by how much the model misses it, `..._misfit_<unit>`;
+of each point `<name>_x_mm` ...; of the centreline `bend<link>_deg`, `curvature<link>_1_m` and `tip_bend_deg`;
+`residual`, the root mean square misfit in standard deviations.
 """
 
 import math

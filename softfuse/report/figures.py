@@ -13,7 +13,6 @@ from softfuse.experiment.accuracy import NINETY, Samples
 from softfuse.sensors.base import Image
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 ESTIMATE, TRUTH = "tab:blue", "0.35"

@@ -1,12 +1,13 @@
-"""The truth that a recording may hold about a robot: columns `true_<column of an estimate>`, and which frames count.
+"""The truth that a recording may hold about a robot: columns `true_<column of an estimate>`, and which frames
+count.
 
-A sample is a frame in which `sample` is positive, its number that of the level of force or depth; `press` counts
-presses. Where a contact truly is: `true_x_mm`, `true_y_mm`, perhaps `true_z_mm`, and `true_force_N`; of several
-`true_<contact><number>_x_mm` ... and `true_<contact><number>_place`, the name of a place such as an electrode, or
-its number; points `true_<point>_x_mm` ..., cables `true_<cable>_mm` and `true_<cable>_N`, chambers
-`true_<chamber>_Pa` and `true_<chamber>_mm3`; `true_depth_mm` of what presses. Contacts, cables and chambers that are
-only numbered are understood as well: `true_force0_N`, `true_contact0_electrode`, `true_cable_mm`, `true_cable0_N`,
-`true_pressure0_Pa`, `true_dV0_mm3`.
+A sample is a frame in which `sample` is positive, its number that of the level of force or depth; `press`
+counts presses. Where a contact truly is: `true_x_mm`, `true_y_mm`, perhaps `true_z_mm`, and `true_force_N`;
+of several `true_<contact><number>_x_mm` ... and `true_<contact><number>_place`, the name of a place such as
+an electrode, or its number; points `true_<point>_x_mm` ..., cables `true_<cable>_mm` and `true_<cable>_N`,
+chambers `true_<chamber>_Pa` and `true_<chamber>_mm3`; `true_depth_mm` of what presses. Contacts, cables and
+chambers that are only numbered are understood as well: `true_force0_N`, `true_contact0_electrode`,
+`true_cable_mm`, `true_cable0_N`, `true_pressure0_Pa`, `true_dV0_mm3`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,9 +26,9 @@ from softfuse.report.columns import Columns
 class Truth:
     """What is known of n frames.
 
-    `columns`: true values (n,) of columns of an estimate, NaN where a field is empty; `level`, `press` (n,): see
-    above, 0 where unknown; `contact_N`, `place` (n, t): force and number of the named place of t contacts, `NOWHERE`
-    without one; `depth_mm` (n,), None where not known.
+    `columns`: true values (n,) of columns of an estimate, NaN where a field is empty; `level`, `press` (n,):
+    see above, 0 where unknown; `contact_N`, `place` (n, t): force and number of the named place of t
+    contacts, `NOWHERE` without one; `depth_mm` (n,), None where not known.
     """
 
     columns: Mapping[str, Float[np.ndarray, " n"]]
@@ -41,8 +42,8 @@ class Truth:
     def of(cls, recording: Recording, columns: Columns) -> "Truth":
         """What a recording says about a robot with such columns.
 
-        Raises RecordingError when it holds some of the points' columns only, or a contact's force without its place
-        where others have one.
+        Raises RecordingError when it holds some of the points' columns only, or a contact's force without its
+        place where others have one.
         """
         given = _named(recording, columns)
         n = len(recording.time_s)
@@ -94,7 +95,9 @@ def _named(recording: Recording, columns: Columns) -> dict[str, np.ndarray]:
     """True values by columns of an estimate."""
     wanted = {column.name for column in columns.columns if column.digits is not None}
     wanted |= {f"{name}_{unit}" for name in columns.chambers.values() for unit in ("mm3", "Pa")}
-    found = {name: recording.columns[f"true_{name}"] for name in wanted if f"true_{name}" in recording.columns}
+    found = {
+        name: recording.columns[f"true_{name}"] for name in wanted if f"true_{name}" in recording.columns
+    }
     for kind, names, units in (
         ("cable", columns.cables.values(), ("mm", "N")),
         ("pressure", columns.chambers.values(), ("Pa",)),
@@ -112,7 +115,8 @@ def _named(recording: Recording, columns: Columns) -> dict[str, np.ndarray]:
 def _contacts(
     recording: Recording, columns: Columns, names: Sequence[str], given: dict[str, np.ndarray]
 ) -> tuple[Float[np.ndarray, "n t"], Int[np.ndarray, "n t"]]:
-    """Forces and places of the contacts that truly are there; their places are also put among what is given."""
+    """Forces and places of the contacts that truly are there; their places are also put among what is given.
+    """
     forces, places = list[np.ndarray](), list[np.ndarray]()
     for k, slot in enumerate(columns.slots):
         force = _first(recording, f"true_{slot}_force_N", f"true_force{k}_N")

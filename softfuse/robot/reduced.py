@@ -42,8 +42,8 @@ def build_regions(config: RobotSettings) -> AbstractRegions:
     if not isinstance(contact, DiscSettings):
         if not config.places:
             raise ConfigError(
-                f"{config.path}: contact: reduced models are trained for discs in a workspace, or for places of "
-                "electrodes; this contact has neither"
+                f"{config.path}: contact: reduced models are trained for discs in a workspace, or for places "
+                "of electrodes; this contact has neither"
             )
         return Spots(np.array(list(config.places.values())))
     low, high = (tuple(end.tolist()) for end in contact.ranges)
