@@ -150,6 +150,10 @@ class AbstractContact(eqx.Module):
     def load(self, body: AbstractBody, place: Float[Array, "3 3"]) -> AbstractLoad:
         """The load of one contact at a place; its drives are the forces [N]."""
 
+    @abstractmethod
+    def overlap(self, body: AbstractBody, place: Float[Array, "3 3"]) -> Float[Array, ""]:
+        """What part [-] of a contact at a place lies on the surface: 1 unless it overhangs an edge."""
+
 
 class Sizes(eqx.Module):
     """Numbers of ports, of forces on the first of them, of internal unknowns and of drives."""

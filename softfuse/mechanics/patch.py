@@ -162,3 +162,7 @@ class PatchContact(AbstractContact):
     def load(self, body, place):
         """The patches at a place as a load along their current normals."""
         return NormalPatches.of(self.at(place), body)
+
+    def overlap(self, body, place):
+        """The least of the patches'."""
+        return jnp.min(jnp.stack([patch.overlap(body) for patch in self.at(place)]))

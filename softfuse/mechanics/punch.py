@@ -141,3 +141,7 @@ class PunchContact(AbstractContact):
     def load(self, body, place):
         """The disc at a place as a load."""
         return Punch.of(self.at(place), body)
+
+    def overlap(self, body, place):
+        """That of the disc."""
+        return self.at(place).overlap(body)
