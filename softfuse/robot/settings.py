@@ -1,7 +1,7 @@
 """A robot as a TOML file describes it: body, actuators, contacts, sensors and what is around it."""
 
 from collections.abc import Sequence
-from typing import Annotated, Self, TypeVar
+from typing import Annotated, Self, TypeVar, Union
 
 import numpy as np
 from annotated_types import Ge
@@ -31,7 +31,7 @@ class NameSettings(Settings):
 
 _Kind = TypeVar("_Kind", bound=SensorSettings)
 
-AnySensor = Annotated[tuple(SENSORS.values()), Field(discriminator="type")]
+AnySensor = Annotated[Union[tuple(SENSORS.values())], Field(discriminator="type")]  # noqa: UP007
 """One of the kinds of sensors that there are."""
 
 
