@@ -8,6 +8,7 @@ are commanded to a length hold it while something presses, others their tension.
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import equinox as eqx
@@ -72,6 +73,25 @@ class Carried:
         return np.einsum("ga,gai->gi", self.shape, nodes[self.nodes])
 
 
+@dataclass(frozen=True, eq=False)
+class _Skin:
+    """The surface under a touch: nodes (s,), shape values (s,), and their slopes (s, 2) [1/m] along its tangents."""
+
+    nodes: Int[np.ndarray, " s"]
+    shape: Float[np.ndarray, " s"]
+    slopes: Float[np.ndarray, "s 2"]
+
+    def touched(
+        self, nodes: Float[np.ndarray, "k 3"], touch: Touch, gap: float, force: float, radius: float
+    ) -> TrueContact:
+        """A ball of a radius [m] that lies on the surface as nodes at (k, 3) m make it, or hovers over it."""
+        tangents = self.slopes.T @ nodes[self.nodes]
+        inward = np.cross(*tangents)
+        inward /= np.linalg.norm(inward)
+        middle = self.shape @ nodes[self.nodes] - (radius + max(gap, 0.0)) * inward
+        return TrueContact(np.array(touch.place), gap, force, radius, middle)
+
+
 class RobotSolver:
     """Equilibria of one virtual robot; a program is compiled for each combination of contacts."""
 
@@ -82,7 +102,6 @@ class RobotSolver:
         body = made.parts.body
         sees = {sensor.name for sensor in made.suite.contact_sensors}
         self._seeing = [sensor for sensor in made.settings.sensors if sensor.name in sees]
-        self._watched = [Carried.of(body, sensor.points(made.parts)) for sensor in self._seeing]
         with robot.drawn.told("point"):
             drawn = np.array([point.at for point in robot.drawn.points]).reshape(-1, 3)
             self._points = Carried.of(body, drawn)
@@ -92,6 +111,12 @@ class RobotSolver:
         self._volumes = jax.jit(lambda x: jnp.array([cavity(x) for cavity in chambers]))
         self._rest_volumes = np.asarray(self._volumes(body.rest))
         self._measure = eqx.filter_jit(lambda model, state, places: (model.reading(state, places), model.answers(state)))
+
+    @cached_property
+    def _watched(self) -> list[Carried]:
+        """What sensors that see contacts want to be followed; only needed where something is solved."""
+        parts = self._made.parts
+        return [Carried.of(parts.body, sensor.points(parts)) for sensor in self._seeing]
 
     def poses(self, episode: Episode, *, solved: Callable[[], None] | None = None) -> Arrays:
         """The n equilibria of an episode, in order: rest, the actuators' way, contacts at their gaps, the forces.
@@ -104,6 +129,7 @@ class RobotSolver:
         """
         done = solved or (lambda: None)
         touches, slots = episode.touches, self._slots(episode)
+        under = [self._under(touch) for touch in touches]
         drive = self._rest_drive()
         away = np.full(len(touches), self.gaps[0])
         # Without any load there is no search: then contacts lie on from the start.
@@ -112,13 +138,13 @@ class RobotSolver:
         state = State.rest(free.body, free.loads(places))
         if any(self._made.settings.environment.gravity):
             state = self._found(free, places, state.drive, state, f"{episode}: at rest")
-        poses = [self._pose(free, state, touches, slots, away)]
+        poses = [self._pose(free, state, touches, under, slots, away)]
         target = self._driven(episode, drive)
         if np.any(target != drive):
             for share in np.arange(1, _DRIVE_STEPS + 1) / _DRIVE_STEPS:
                 to = jnp.asarray(drive + share * (target - drive))
                 state = self._found(free, places, to, state, f"{episode}: on the way there")
-                poses.append(self._pose(free, state, touches, slots, away))
+                poses.append(self._pose(free, state, touches, under, slots, away))
                 done()
         if not touches:
             return _stacked(poses)
@@ -126,14 +152,14 @@ class RobotSolver:
         self._check(model, touches)
         state = _touching(model, places, state)
         for gap in self.gaps[1:]:
-            poses.append(self._pose(model, state, touches, slots, np.full(len(touches), gap)))
+            poses.append(self._pose(model, state, touches, under, slots, np.full(len(touches), gap)))
         depth = self._depths(model, state, touches)
         for forces in zip(*(touch.forces for touch in touches), strict=True):
             to = state.drive.at[: len(touches)].set(jnp.array(forces))
             where = f"{episode}: under {', '.join(f'{force:.3g}' for force in forces)} N"
             state = self._found(model, places, to, state, where)
             sunk = self._depths(model, state, touches) - depth
-            poses.append(self._pose(model, state, touches, slots, -sunk, np.array(forces)))
+            poses.append(self._pose(model, state, touches, under, slots, -sunk, np.array(forces)))
             done()
         return _stacked(poses)
 
@@ -235,6 +261,7 @@ class RobotSolver:
         model: Model,
         state: State,
         touches: Sequence[Touch],
+        under: Sequence["_Skin"],
         slots: Sequence[int],
         gaps: Float[np.ndarray, " t"],
         forces: Float[np.ndarray, " t"] | None = None,
@@ -249,7 +276,8 @@ class RobotSolver:
         force, gap = np.zeros(len(self._made.workspaces)), np.full(len(self._made.workspaces), self.gaps[0])
         force[list(slots)], gap[list(slots)] = forces, gaps
         there = [
-            self._true(touch, nodes, float(g), float(f)) for touch, g, f in zip(touches, gaps, forces, strict=True)
+            skin.touched(nodes, touch, float(g), float(f), self._made.parts.contacts[touch.contact].radius)
+            for touch, skin, g, f in zip(touches, under, gaps, forces, strict=True)
         ]
         actuators = len(self._made.addresses.drives)
         pose = {
@@ -268,18 +296,11 @@ class RobotSolver:
             pose[f"signal {sensor.name}"] = np.asarray(sensor.signal(parts, seen, carried.at(nodes)))
         return pose
 
-    def _true(self, touch: Touch, nodes: Float[np.ndarray, "k 3"], gap: float, force: float) -> TrueContact:
-        """A ball that lies on the surface at the place as it stands now, or hovers over it."""
+    def _under(self, touch: Touch) -> "_Skin":
         place = np.array(touch.place)
         surface = ContactSurface.pressed(np.asarray(self._made.parts.faces), np.asarray(direction_of(place)))
         on = surface.land(self._made.parts.body.rest, jnp.asarray(place[:1]))
-        at, shape, slopes = np.asarray(on.nodes[0]), np.asarray(on.shape[0]), np.asarray(on.slopes[0])
-        point, tangents = shape @ nodes[at], slopes.T @ nodes[at]
-        inward = np.cross(*tangents)
-        inward /= np.linalg.norm(inward)
-        radius = self._made.parts.contacts[touch.contact].radius
-        middle = point - (radius + max(gap, 0.0)) * inward
-        return TrueContact(place, gap, force, radius, middle)
+        return _Skin(*(np.asarray(each[0]) for each in (on.nodes, on.shape, on.slopes)))
 
 
 def _by_tension(loads: Loads, state: State) -> State:
