@@ -1,4 +1,4 @@
-"""Draw the images of softfuse.experiment.mutual_figures; called by grid-images."""
+"""Draw the images of softfuse.report.mutual_figures; called by grid-images."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from softfuse.cli.terminal import stderr, stdout
-from softfuse.experiment.mutual_figures import fig_11
+from softfuse.report.mutual_figures import fig_11
 from softfuse.experiment.virtual_mutual import MutualBed
 
 

@@ -20,7 +20,7 @@ from softfuse.body import LINEAR, TAYLOR_HOOD, Body, mesh_for
 from softfuse.body.element import Element
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
 from softfuse.experiment.mutual_field import Thing
-from softfuse.experiment.mutual_figures import image_of
+from softfuse.report.mutual_figures import image_of
 from softfuse.experiment.virtual_mutual import MutualBed
 from softfuse.functional import Cavity
 from softfuse.functional.contact import Contact, ContactSurface

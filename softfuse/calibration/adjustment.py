@@ -12,7 +12,7 @@ from typing import ClassVar, Self
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.body.body import Body
 from softfuse.body.stiffness_field import TERMS, with_field
@@ -199,19 +199,22 @@ class StiffnessField(AbstractAdjustment):
 
 
 class Gains(AbstractAdjustment):
-    """θ (k,): each reading times exp θ."""
+    """θ (g,): each of the readings with `numbers` (g,) times exp θ."""
 
-    sigma: Float[Array, " k"]
+    sigma: Float[Array, " g"]
+    numbers: Int[Array, " g"]
     names: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
-    def of(cls, names: Sequence[str], sigma: float) -> Self:
-        """Of the readings with names, with a prior standard deviation [-]."""
-        return cls(jnp.full(len(names), sigma), tuple(f"{name} gain" for name in names))
+    def of(cls, names: Sequence[str], having: Bool[np.ndarray, " k"], sigma: float) -> Self:
+        """Of those readings with names (k,) that have a gain, with a prior standard deviation [-]."""
+        numbers = np.flatnonzero(having)
+        own = tuple(f"{names[k]} gain" for k in numbers)
+        return cls(jnp.full(len(own), sigma), jnp.asarray(numbers), own)
 
     def measured(self, reading, value):
         """Readings of sensors that say more or less than the truth."""
-        return reading * jnp.exp(value)
+        return reading.at[self.numbers].multiply(jnp.exp(value))
 
 
 class Adjustments(eqx.Module):

@@ -35,7 +35,7 @@ class Discrepancy:
 
     def whitening(self, presses: Presses) -> "Whitening":
         """What makes misfits of presses standard normal."""
-        told, sizes = presses.told, missed(presses.reading, self.part)
+        told, sizes = presses.told, missed(presses.reading, self.part, presses.kind)
         alike = alike_in_press(presses.applied.press, self.alike)
         inverse, ln_det = [], 0.0
         for k in range(told.shape[1]):

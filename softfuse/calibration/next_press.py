@@ -6,18 +6,21 @@ Jᵀ S⁻¹ J)⁻¹ and gains ½ ln det(I + S⁻¹ J C Jᵀ), in nats. Source: C
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from softfuse.calibration.fit import Fit
 from softfuse.calibration.presses import Answer
 from softfuse.estimation.model_error import missed
 
 
-def gain(fit: Fit, answer: Answer, noise: float) -> Float[np.ndarray, " s"]:
+def gain(
+    fit: Fit, answer: Answer, noise: Float[np.ndarray, " k"], kind: Int[np.ndarray, " k"]
+) -> Float[np.ndarray, " s"]:
     """What each of s further presses would tell [nat], whose answers are those of the fitted parameters;
-    `noise`: standard deviation of a reading, in its SI unit.
+    `noise` (k,): standard deviations of the readings, in their SI units; `kind` (k,): see
+    `model_error.missed`.
     """
-    sigma = np.hypot(noise, missed(answer.reading, fit.discrepancy.part))
+    sigma = np.hypot(noise, missed(answer.reading, fit.discrepancy.part, kind))
     whitened = answer.slope / sigma[..., None]
     seen = np.einsum("skp,pq,slq->skl", whitened, fit.covariance, whitened)
     return 0.5 * np.linalg.slogdet(np.eye(seen.shape[1]) + seen)[1]

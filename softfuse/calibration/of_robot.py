@@ -1,13 +1,14 @@
-"""From settings to the parameters that a calibration fits, and from fitted parameters back to settings."""
+"""What a calibration may change of a robot, and settings that say what it found."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from softfuse.body.body import Body
 from softfuse.body.stiffness_field import TERMS
+from softfuse.calibration.actuator_adjustment import CableCompliances, CableZeros, DeadVolumes
 from softfuse.calibration.adjustment import (
     AbstractAdjustment,
     Adjustments,
@@ -19,112 +20,164 @@ from softfuse.calibration.adjustment import (
     Walls,
 )
 from softfuse.calibration.array_pose import PoseFit, PosePrior
-from softfuse.calibration.attached_adjustment import CableCompliances, CableZeros, DeadVolumes
 from softfuse.calibration.contact_places import ContactPlaces
 from softfuse.calibration.presses import Applied
-from softfuse.config.contact import DiscSettings, PatchSettings
 from softfuse.errors import ConfigError
-from softfuse.experiment.sweep_series import with_shortened
 from softfuse.material.base import AbstractMaterial
 from softfuse.material.yeoh import Yeoh
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.reading import AbstractReading, AnswerReading, DriveReading
+from softfuse.robot.contacts import DiscSettings, PatchSettings
 from softfuse.robot.file import Edits, Key
 from softfuse.robot.material import Material, OneModulus, SeveralModuli
-from softfuse.robot.mesh import RobotMesh
-from softfuse.robot.points import ElectrodePlace
+from softfuse.robot.robot import Robot
 from softfuse.robot.settings import RobotSettings
+from softfuse.sensors.cable_length import CableLengthSettings
+from softfuse.sensors.crossed.settings import CrossedSettings
 
 
-def fitted_device(config: RobotSettings, device: Model) -> Model:
-    """A config's device as it is known in presses: its cables are shortened by lengths that are measured, or
-    left alone, and it reads the volumes or the pressures of its cavities.
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A robot as it is known in presses: the `model`, whose cables are shortened by what is measured, or left
+    alone, and which reads all that its sensors measure but that; the numbers `readings` (k,) of these among
+    the robot's, the `kind` (k,) of each, see `model_error.missed`, and what people call them, `names` (k,).
     """
-    cables = len(config.cables)
-    sealed = len(config.cavities) if config.gas is not None else 0
-    lengths = config.sensors is not None and config.sensors.cable is not None
-    return replace(with_shortened(device, (lengths,) * cables), gauges=tuple(range(cables, cables + sealed)))
 
+    robot: Robot
+    model: Model
+    readings: Int[np.ndarray, " k"]
+    kind: Int[np.ndarray, " k"]
+    names: tuple[str, ...]
 
-def build_adjustments(config: RobotSettings, device: Model, mesh: RobotMesh) -> Adjustments:
-    """What [calibration] says may differ from the config, of its `fitted_device` on a mesh.
-
-    Raises ConfigError when the device has no sensors, cables of unknown length, or nothing may differ.
-    """
-    may = config.calibration
-    if config.sensors is None:
-        raise ConfigError(f"{config.path}: sensors: missing, a calibration fits what they read")
-    if config.cables and config.sensors.sealed is not None and config.sensors.cable is None:
-        raise ConfigError(
-            f"{config.path}: sensors.cable: missing, a calibration must know by how much cables are shortened"
+    @classmethod
+    def of(cls, robot: Robot) -> "Fitted":
+        """Of a robot. Raises ConfigError when it has no sensors."""
+        settings, model = robot.settings, robot.model
+        if not settings.sensors:
+            raise ConfigError(f"{settings.path}: sensor: missing, a calibration fits what they read")
+        measured = {name for sensor in settings.sensors_of(CableLengthSettings) for name in sensor.cables}
+        measured |= {each.name for each in settings.cables if each.command and each.command.of == "length"}
+        actuators = list(model.actuators)
+        for k, cable in enumerate(settings.cables):
+            load = actuators[k]
+            if cable.name in measured and isinstance(load, PulledCable):
+                actuators[k] = ShortenedCable.of(load, model.body)
+        kept, numbers, first = list[AbstractReading](), list[int](), 0
+        drives = [robot.addresses.drives[cable.name] for cable in settings.cables]
+        for reading in model.readings:
+            own = range(first, first + reading.count)
+            first += reading.count
+            known = isinstance(reading, DriveReading) or (
+                isinstance(reading, AnswerReading) and set(reading.numbers) <= set(drives)
+            )
+            if not known:
+                kept.append(reading)
+                numbers += own
+        readings = np.array(numbers, int)
+        names = robot.suite.readings
+        return cls(
+            robot,
+            replace(model, actuators=tuple(actuators), readings=tuple(kept)),
+            readings,
+            robot.reading_kinds[readings],
+            tuple(names[k] for k in numbers),
         )
-    names = [cavity.name for cavity in config.cavities]
+
+    @property
+    def shortened(self) -> Bool[np.ndarray, " b"]:
+        """Which cables (b,) have a length that is measured or commanded."""
+        count = len(self.robot.settings.cables)
+        return np.array([isinstance(load, ShortenedCable) for load in self.model.actuators[:count]], bool)
+
+
+def build_adjustments(fitted: Fitted) -> Adjustments:
+    """What [calibration] says may differ from the robot's settings.
+
+    Raises ConfigError when nothing may.
+    """
+    robot, config = fitted.robot, fitted.robot.settings
+    may, model = config.calibration, fitted.model
     groups: list[AbstractAdjustment] = []
     if may.stiffness:
         groups.append(Stiffness.within(may.stiffness))
-    if may.stiffening and Stiffening.possible(device):
+    if may.stiffening and Stiffening.possible(model):
         groups.append(Stiffening.within(may.stiffening))
-    if may.contact_layer and isinstance(config.contact, DiscSettings):
-        groups.append(Layer.of(device, may.contact_layer))
-    if may.cavity_shift or may.cavity_growth:
-        centres = np.array([np.add(cavity.centre, cavity.shift) for cavity in config.cavities])
-        groups.append(Walls.of(mesh.mesh, centres, names, shift=may.cavity_shift, growth=may.cavity_growth))
+    if may.contact_layer and config.contacts and isinstance(config.contacts[0], DiscSettings):
+        groups.append(Layer.of(model, may.contact_layer))
+    if config.chambers and (may.cavity_shift or may.cavity_growth):
+        centres = np.array([np.add(chamber.centre, chamber.shift) for chamber in config.chambers])
+        names = [chamber.name for chamber in config.chambers]
+        mesh = robot.mesh.mesh
+        groups.append(Walls.of(mesh, centres, names, shift=may.cavity_shift, growth=may.cavity_growth))
     if may.stiffness_field:
         # After the walls: it is a field over the body as made.
         groups.append(StiffnessField.within(may.stiffness_field, config.body.stiffness_field.coefficients))
     if may.gain:
-        groups.append(Gains.of(names, may.gain))
-    groups += _attached_adjustments(config, device)
+        groups.append(Gains.of(_called(fitted), _with_gain(fitted), may.gain))
+    groups += _actuator_adjustments(fitted)
     if not groups:
         raise ConfigError(f"{config.path}: calibration: all is 0, so that there is nothing to fit")
     return Adjustments(tuple(groups))
 
 
+def _with_gain(fitted: Fitted) -> Bool[np.ndarray, " k"]:
+    """Which of the readings (k,) are of sensors that have a gain."""
+    robot = fitted.robot
+    flags = np.zeros(robot.model.n_readings, bool)
+    for sensor in robot.settings.sensors:
+        if hasattr(sensor, "gain") and sensor.name in robot.addresses.readings:
+            flags[robot.addresses.readings[sensor.name]] = True
+    return flags[fitted.readings]
+
+
+def _called(fitted: Fitted) -> list[str]:
+    """What people call each reading in a report: its chamber where only one sensor reads these."""
+    return [name.split(" ", 1)[-1] for name in fitted.names]
+
+
 def adjustments_of_presses(
-    config: RobotSettings, adjustments: Adjustments, applied: Applied, called: dict[int, str]
+    fitted: Fitted, adjustments: Adjustments, applied: Applied, called: dict[int, str]
 ) -> Adjustments:
     """Those that presses, which people call something, have to do with: none of cables that none of them
-    pulls, and besides where on its electrode each contact acts.
+    pulls, and besides where on its named place each contact acts.
     """
-    lengths = None if config.sensors is None else config.sensors.cable
-    groups = adjustments.groups
-    if lengths is not None and not np.any(applied.prescribed[:, : len(config.cables)] > lengths.slack):
+    config, groups = fitted.robot.settings, adjustments.groups
+    slack = [sensor.slack for sensor in config.sensors_of(CableLengthSettings)]
+    cables = len(config.cables)
+    if slack and not np.any(applied.prescribed[:, :cables] > min(slack)):
         groups = tuple(group for group in groups if not isinstance(group, CableZeros | CableCompliances))
-    if isinstance(config.contact, PatchSettings) and config.contact.forces(config.electrodes) > 1:
-        electrodes = {each.name: np.array(each.place) for each in config.electrodes}
-        sigma = _place_sigma(config.contact, config.electrodes)
-        groups = (*groups, ContactPlaces.of(applied, called, electrodes, sigma))
+    patches = [each for each in config.contacts if isinstance(each, PatchSettings) and each.span]
+    if patches and config.places:
+        sigma = patches[0].place_sigma or patches[0].span / np.sqrt(12)
+        groups = (*groups, ContactPlaces.of(applied, called, config.places, sigma))
     return Adjustments(groups)
 
 
-def _attached_adjustments(config: RobotSettings, device: Model) -> list[AbstractAdjustment]:
-    may, groups = config.calibration, list[AbstractAdjustment]()
-    lengths = config.sensors is not None and config.sensors.cable is not None
-    cables = [cable.name for cable in config.cables] if lengths else []
-    if cables and may.cable_zero:
-        groups.append(CableZeros.of(cables, may.cable_zero))
+def _actuator_adjustments(fitted: Fitted) -> list[AbstractAdjustment]:
+    config, groups = fitted.robot.settings, list[AbstractAdjustment]()
+    may = config.calibration
+    cables = [cable for cable, on in zip(config.cables, fitted.shortened, strict=True) if on]
+    if cables and may.cable_zero and config.sensors_of(CableLengthSettings):
+        numbers = np.flatnonzero(fitted.shortened)
+        groups.append(CableZeros.of([cable.name for cable in cables], numbers, may.cable_zero))
     if cables and may.cable_compliance:
-        most = [cable.max_tension for cable in config.cables]
-        groups.append(CableCompliances.of(device, cables, most, may.cable_compliance))
-    if config.gas is not None and may.dead_volume:
-        groups.append(DeadVolumes.of([cavity.name for cavity in config.cavities], may.dead_volume))
+        most = [cable.max_tension for cable in cables]
+        names = [cable.name for cable in cables]
+        groups.append(CableCompliances.of(fitted.model, names, most, may.cable_compliance))
+    sealed = [chamber.name for chamber in config.chambers if chamber.gas == "sealed"]
+    if sealed and may.dead_volume:
+        order = sorted(sealed, key=lambda name: fitted.robot.addresses.drives[name])
+        groups.append(DeadVolumes.of(order, may.dead_volume))
     return groups
 
 
-def _place_sigma(contact: PatchSettings, electrodes: Sequence[ElectrodePlace]) -> float:
-    """Of where a contact acts on its electrode [m]; anywhere on it where the config does not say."""
-    if contact.place_sigma is not None:
-        return contact.place_sigma
-    return float(np.mean([np.linalg.norm(electrode.span) for electrode in electrodes])) / np.sqrt(12)
-
-
-def calibrated_edits(
-    config: RobotSettings, device: Model, adjustments: Adjustments, value: Float[np.ndarray, " p"]
-) -> Edits:
-    """The edits of a config that make its device one with parameters (p,)."""
-    made = adjustments.adjusted(device, value)
-    # build_adjustments has told.
-    assert isinstance(made.body, Body) and config.sensors is not None
+def calibrated_edits(fitted: Fitted, adjustments: Adjustments, value: Float[np.ndarray, " p"]) -> Edits:
+    """The edits of the settings that make the robot one with parameters (p,)."""
+    config = fitted.robot.settings
+    made = adjustments.adjusted(fitted.model, value)
+    assert isinstance(made.body, Body)  # robots are built with full ones
     edits: dict[Key, str | float | list[str] | list[float] | None] = {}
     for group, part in zip(adjustments.groups, adjustments.of_group(value), strict=True):
         part = np.asarray(part)
@@ -139,27 +192,55 @@ def calibrated_edits(
                 disc = made.contacts[0]
                 assert isinstance(disc, PunchContact)
                 compliance = float(disc.disc.compliance)
-                edits["contact", "compliance"] = f"{1e9 * compliance:.6g} mm/MPa"
+                edits["contact", 0, "compliance"] = f"{1e9 * compliance:.6g} mm/MPa"
             case Walls():
-                edits |= _cavities(config, dict(zip(group.names, part, strict=True)))
+                edits |= _chambers(config, dict(zip(group.names, part, strict=True)))
             case StiffnessField():
                 for term, coefficient in zip(TERMS, np.asarray(group.configured) + part, strict=True):
                     edits["body", "stiffness_field", term] = _rounded(coefficient)
             case Gains():
-                key = "flow" if config.sensors.vented else "pressure"
-                gain = np.broadcast_to(getattr(config.sensors, key).gain, part.shape) * np.exp(part)
-                edits["sensors", key, "gain"] = [_rounded(each) for each in gain]
+                edits |= _gains(fitted, part)
             case CableZeros():
-                assert config.sensors.cable is not None
-                zero = np.broadcast_to(config.sensors.cable.zero, part.shape) + part
-                edits["sensors", "cable", "zero"] = _millimetres(zero)
+                edits |= _zeros(config, dict(zip(group.cables, part, strict=True)))
             case CableCompliances():
-                for k, compliance in enumerate(group.typical * np.exp(part)):
-                    edits["cable", k, "compliance"] = f"{1e3 * float(compliance):.6g} mm/N"
+                shortened = np.flatnonzero(fitted.shortened)
+                for k, compliance in zip(shortened, group.typical * np.exp(part), strict=True):
+                    edits["cable", int(k), "compliance"] = f"{1e3 * float(compliance):.6g} mm/N"
             case DeadVolumes():
-                assert config.gas is not None
-                dead = np.broadcast_to(config.gas.dead_volume, part.shape) * np.exp(part)
-                edits["gas", "dead_volume"] = [f"{1e9 * each:.6g} mm^3" for each in dead]
+                factors = dict(zip(group.chambers, np.exp(part), strict=True))
+                for k, chamber in enumerate(config.chambers):
+                    if chamber.name in factors:
+                        dead = 1e9 * chamber.dead_volume * factors[chamber.name]
+                        edits["chamber", k, "dead_volume"] = f"{dead:.6g} mm^3"
+    return edits
+
+
+def _gains(fitted: Fitted, part: Float[np.ndarray, " g"]) -> dict[Key, list[float]]:
+    """Gains times exp of what was found (g,) of those readings that have one."""
+    factor = np.ones(fitted.robot.model.n_readings)
+    factor[fitted.readings[_with_gain(fitted)]] = np.exp(part)
+    edits: dict[Key, list[float]] = {}
+    for k, sensor in enumerate(fitted.robot.settings.sensors):
+        given = getattr(sensor, "gain", None)
+        own = fitted.robot.addresses.readings.get(sensor.name)
+        if (
+            given is not None
+            and own is not None
+            and np.isin(np.arange(own.start, own.stop), fitted.readings).all()
+        ):
+            gain = np.broadcast_to(given, (own.stop - own.start,)) * factor[own]
+            edits["sensor", k, "gain"] = [_rounded(each) for each in gain]
+    return edits
+
+
+def _zeros(config: RobotSettings, shift: dict[str, float]) -> dict[Key, list[str]]:
+    """Where cables get taut, more by shifts [m] of some by name."""
+    edits: dict[Key, list[str]] = {}
+    for k, sensor in enumerate(config.sensors):
+        if isinstance(sensor, CableLengthSettings):
+            zero = np.broadcast_to(sensor.zero, (len(sensor.cables),))
+            more = [shift.get(name, 0.0) for name in sensor.cables]
+            edits["sensor", k, "zero"] = _millimetres(zero + more)
     return edits
 
 
@@ -173,9 +254,9 @@ def pose_edits(config: RobotSettings, pose: PoseFit | None) -> Edits:
     """The edits of a config that put its crossed electrodes where presses found them; none without."""
     if pose is None:
         return {}
-    assert config.sensors is not None  # they were felt
-    was, (x, y, turn, *stretch) = config.sensors.capacitive.pose, pose.value
-    key = ("sensors", "capacitive", "pose")
+    (lines,) = config.sensors_of(CrossedSettings)[:1]
+    was, (x, y, turn, *stretch) = lines.pose, pose.value
+    key = ("sensor", config.sensors.index(lines), "pose")
     return {
         (*key, "shift"): _millimetres(np.add(was.shift, [x, y])),
         (*key, "turn"): f"{np.rad2deg(was.turn + turn):.6g} deg",
@@ -199,13 +280,13 @@ def _material(settings: Material, law: AbstractMaterial) -> dict[str, str | list
     return edits | {key: _megapascals(float(constant)) for key, constant in constants.items()}
 
 
-def _cavities(config: RobotSettings, by_name: dict[str, float]) -> dict[Key, list[str]]:
+def _chambers(config: RobotSettings, by_name: dict[str, float]) -> dict[Key, list[str]]:
     edits: dict[Key, list[str]] = {}
-    for k, cavity in enumerate(config.cavities):
-        for what, drawn in (("shift", cavity.shift), ("growth", cavity.growth)):
-            names = [f"{cavity.name} {what} {axis}" for axis in "xyz"]
+    for k, chamber in enumerate(config.chambers):
+        for what, drawn in (("shift", chamber.shift), ("growth", chamber.growth)):
+            names = [f"{chamber.name} {what} {axis}" for axis in "xyz"]
             if all(name in by_name for name in names):
-                edits["cavity", k, what] = _millimetres(np.add(drawn, [by_name[name] for name in names]))
+                edits["chamber", k, what] = _millimetres(np.add(drawn, [by_name[name] for name in names]))
     return edits
 
 

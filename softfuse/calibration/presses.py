@@ -40,12 +40,14 @@ class Applied:
 @dataclass(frozen=True, eq=False)
 class Presses:
     """s samples of presses: what was `applied`, and `reading` (s, k) in SI with standard deviations `sigma`
-    (s, k) of the sensors' noise, inf for one that says nothing.
+    (s, k) of the sensors' noise, inf for one that says nothing; the `kind` (k,) of each reading, see
+    `model_error.missed`.
     """
 
     applied: Applied
     reading: Float[np.ndarray, "s k"]
     sigma: Float[np.ndarray, "s k"]
+    kind: Int[np.ndarray, " k"]
 
     @property
     def told(self) -> Any:

@@ -18,7 +18,6 @@ from softfuse.cli.design_run import DesignRun, Wanted, Workers
 from softfuse.cli.design_worker import Task
 from softfuse.cli.terminal import Quiet, busy, printable, stdout, tracked_calls
 from softfuse.cli.version import installed_version
-from softfuse.config.build_device import build_device
 from softfuse.design.objective import AbstractMeasure, Answers, measured
 from softfuse.design.of_robot import (
     build_limits,
@@ -37,6 +36,7 @@ from softfuse.robot.digest import digest
 from softfuse.robot.file import RobotSettings, load
 from softfuse.robot.layout.layout_mesh import layout_mesh
 from softfuse.robot.mesh import build_mesh
+from softfuse.robot.robot import build_robot
 
 log = logging.getLogger(__name__)
 
@@ -60,7 +60,7 @@ def design(
     problem = build_problem(planned, searched)
     with busy("the device as it is", quiet=quiet):
         mesh = build_mesh(searched)
-        own = problem.answered(build_device(searched, mesh), mesh.cavities, problem.layout.start)
+        own = problem.answered(build_robot(searched, mesh), mesh.cavities, problem.layout.start).model
     problem = replace(problem, limits=build_limits(planned, settings, own, limits_of(planned)))
     before = np.asarray(measured(problem.measures, own))
     task = Task(str(plan.resolve()), digest(planned), digest(settings), installed_version())

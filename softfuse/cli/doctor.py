@@ -67,11 +67,11 @@ def _read(config: Path | None) -> tuple[RobotSettings | None, list[Finding]]:
             Finding(str(config), "problem", line.removeprefix(f"{config}: "), "correct the file, or its name")
             for line in lines
         ]
-    if settings.sensors is None:
+    if not settings.sensors:
         return settings, [Finding(str(config), "note", "it has no [sensors]", "add them for live estimates")]
     heard = "" if settings.sources else "; it has no [[source]], --port listens to a device"
-    return settings, [Finding(str(config), "ok", f"{settings.device.name}{heard}")]
+    return settings, [Finding(str(config), "ok", f"{settings.robot.name}{heard}")]
 
 
 def _wanted(config: RobotSettings | None) -> Sequence[str]:
-    return () if config is None or config.sensors is None else config.sensors.channels
+    return () if config is None else config.channels

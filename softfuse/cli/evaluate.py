@@ -19,7 +19,7 @@ from softfuse.cli.terminal import Quiet, busy, printable, stdout
 from softfuse.cli.version import installed_version
 from softfuse.experiment.build_evaluation import Bed, build_bed
 from softfuse.experiment.build_virtual_pad import PadPlan
-from softfuse.experiment.report import table
+from softfuse.report.page import table
 from softfuse.hardware.recording import read_recording
 from softfuse.robot.digest import digest
 from softfuse.robot.file import RobotSettings, load

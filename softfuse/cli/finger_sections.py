@@ -8,10 +8,10 @@ import numpy as np
 from softfuse.cli.finger_series import FingerSeries
 from softfuse.cli.study import Estimated, Peak
 from softfuse.experiment import finger_figures, shape_figures
-from softfuse.experiment.figures import flat_triangles
-from softfuse.experiment.report import picture, table
+from softfuse.report.figures import flat_triangles
+from softfuse.report.page import picture, table
 from softfuse.experiment.shape_accuracy import PULLED_M
-from softfuse.experiment.shape_figures import Shape
+from softfuse.report.shape_figures import Shape
 from softfuse.mesh.surface import outer_surface
 
 

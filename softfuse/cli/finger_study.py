@@ -12,7 +12,7 @@ from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks, know
 from softfuse.experiment.accuracy import scaled
 from softfuse.experiment.contact_accuracy import contact_force_table, largest_force
 from softfuse.experiment.shape_accuracy import PULLED_M, position_table
-from softfuse.experiment.shape_figures import Shape
+from softfuse.report.shape_figures import Shape
 
 
 class FingerStudy(AbstractStudy):

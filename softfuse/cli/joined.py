@@ -13,9 +13,9 @@ from softfuse.cli.joined_readout import joined_columns, joined_values
 from softfuse.cli.readout import Column
 from softfuse.estimation.tracked import Tracked
 from softfuse.estimation.tracker import Tracker
-from softfuse.experiment import figures
+from softfuse.report import figures
 from softfuse.experiment.accuracy import Samples
-from softfuse.experiment.report import picture, table
+from softfuse.report.page import picture, table
 from softfuse.fusion.fusion import Fused, Fusion, fused_recording
 
 _TIME = Column("time_s", 4)

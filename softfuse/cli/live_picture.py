@@ -5,8 +5,8 @@ import numpy as np
 from softfuse.cli.joined_readout import joined_words
 from softfuse.cli.readout import AbstractReadout
 from softfuse.estimation.tracker import Tracker
-from softfuse.experiment.figures import flat_triangles
-from softfuse.experiment.shape_figures import sharp_edges
+from softfuse.report.figures import flat_triangles
+from softfuse.report.shape_figures import sharp_edges
 from softfuse.hardware.live.rerun_view import Picture, RerunView, Scene
 from softfuse.hardware.live.session import Published
 from softfuse.mechanics.model import Model

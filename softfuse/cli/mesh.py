@@ -28,8 +28,8 @@ def mesh(
         device = build_mesh(settings)
     write_mesh(out, device.mesh, point_data={"fixed": device.fixed.astype("int32")})
     if not quiet:
-        names = [cavity.name for cavity in settings.cavities]
-        stdout.print(quality_table(settings.device.name, names, device))
+        names = [chamber.name for chamber in settings.chambers]
+        stdout.print(quality_table(settings.robot.name, names, device))
         stdout.print(f"written to {out}", markup=False, highlight=False, soft_wrap=True)
 
 

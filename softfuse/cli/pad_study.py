@@ -9,10 +9,10 @@ from softfuse.cli.readout import PadReadout, Value
 from softfuse.cli.recorded import sample_frames, samples_at
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, Peaks
 from softfuse.config.contact import DiscSettings
-from softfuse.experiment import figures
+from softfuse.report import figures
 from softfuse.experiment.accuracy import Samples, force_table, location_table, scaled
-from softfuse.experiment.mutual_figures import signed_image
-from softfuse.experiment.report import picture
+from softfuse.report.mutual_figures import signed_image
+from softfuse.report.page import picture
 from softfuse.mesh.surface import outer_surface
 from softfuse.robot.file import RobotSettings
 from softfuse.robot.mesh import RobotMesh

@@ -12,8 +12,8 @@ from softfuse.cli.joined import Joined
 from softfuse.cli.readout import Column
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated, known
 from softfuse.estimation.tracked import Tracked
-from softfuse.experiment import figures
-from softfuse.experiment.report import page, picture, spread_table, table
+from softfuse.report import figures
+from softfuse.report.page import page, picture, spread_table, table
 from softfuse.mesh.files import write_mesh
 from softfuse.sensors.status import Status
 

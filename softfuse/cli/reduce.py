@@ -3,14 +3,15 @@
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from softfuse.body.body import Body
 from softfuse.cli.terminal import Quiet, busy, stdout, tracked
-from softfuse.config.build_device import build_device, electrode_places
 from softfuse.errors import SoftfuseError
 from softfuse.robot.file import load
 from softfuse.robot.reduced import Teacher, build_regions, reduction_mark
+from softfuse.robot.robot import build_robot
 from softfuse.rom.atlas import AtlasFolder
 from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import rest_stiffness
@@ -30,12 +31,13 @@ def reduce(
     missing = [number for number in range(len(regions)) if not folder.has(number)]
     if missing:
         with busy("meshing", quiet=quiet):
-            device = build_device(settings)
-            assert isinstance(device.body, Body)
-            teacher = Teacher(settings, device, rest_stiffness(device.body), regions)
+            robot = build_robot(settings)
+            assert isinstance(robot.model.body, Body)
+            teacher = Teacher(robot, rest_stiffness(robot.model.body), regions)
+            places = np.array(list(settings.places.values())).reshape(-1, 3, 3)
         for number in tracked(missing, "reducing", total=len(missing), quiet=quiet):
             chart = teacher.chart(number)
-            small = reduced_model(device, teacher.stiffness, chart, electrode_places(settings))
+            small = reduced_model(robot.model, teacher.stiffness, chart, places)
             try:
                 folder.write(number, small, chart.basis)
             except OSError as error:

@@ -52,7 +52,7 @@ def session_info(
 ) -> SessionInfo:
     """What a session that begins now says first: its sources, and what frames and estimates are made of."""
     return SessionInfo(
-        device=config.device.name,
+        device=config.robot.name,
         command=shlex.join(["softfuse", *sys.argv[1:]]),
         started=datetime.now(UTC).isoformat(),
         channels=channels,

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from softfuse.config.contact import DiscSettings
 from softfuse.experiment.sweep import Outcome, Series
-from softfuse.robot.file import RobotSettings
+from softfuse.robot.contacts import DiscSettings
+from softfuse.robot.settings import RobotSettings
 
 Value = float | int | str | None
 """None: not known, or not of this case."""
@@ -27,9 +27,8 @@ class SweepTable:
     def __init__(self, config: RobotSettings, contacts: int, shortened: tuple[bool, ...]):
         """shortened: of each cable, whether its shortening is given; its tension is otherwise."""
         self._contacts, self._shortened = contacts, shortened
-        self._electrodes = [electrode.name for electrode in config.electrodes]
-        self._discs = isinstance(config.contact, DiscSettings)
-        self._readings = [*_volumes(config), *self._answers(config), *_pressures(config)]
+        self._discs = isinstance(config.contact(), DiscSettings)
+        self._readings = [*self._answers(config), *_volumes(config), *_pressures(config)]
         self.columns: tuple[SweepColumn, ...] = (
             SweepColumn("case", "integer", "number of the case, from 0"),
             SweepColumn("modulus_factor", "number", "factor of all moduli"),
@@ -52,7 +51,7 @@ class SweepTable:
         given = zip(self._shortened, series.cables, strict=True)
         each: list[Value] = []
         for place in series.places:
-            each += [self._electrodes[place]] if isinstance(place, int) else [1e3 * x for x in place]
+            each += [place] if isinstance(place, str) else [1e3 * x for x in place]
             each.append(force)
         width = len(self._contact(0))
         each += [None] * (width * (self._contacts - len(series.places)))
@@ -99,18 +98,17 @@ class SweepTable:
 
 
 def _volumes(config: RobotSettings) -> list[tuple[SweepColumn, float]]:
-    cavities = config.cavities if config.gas is None else ()
     return [
-        (SweepColumn(f"dV{k}_mm3", "number", f'volume change of "{cavity.name}"'), 1e9)
-        for k, cavity in enumerate(cavities)
+        (SweepColumn(f"dV{k}_mm3", "number", f'volume change of "{chamber.name}"'), 1e9)
+        for k, chamber in enumerate(config.chambers)
     ]
 
 
 def _pressures(config: RobotSettings) -> list[tuple[SweepColumn, float]]:
-    cavities = () if config.gas is None else config.cavities
     return [
-        (SweepColumn(f"pressure{k}_Pa", "number", f'gauge pressure in "{cavity.name}"'), 1.0)
-        for k, cavity in enumerate(cavities)
+        (SweepColumn(f"pressure{k}_Pa", "number", f'gauge pressure in "{chamber.name}"'), 1.0)
+        for k, chamber in enumerate(config.chambers)
+        if chamber.gas == "sealed"
     ]
 
 

@@ -15,13 +15,13 @@ import jax.numpy as jnp
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.sweep_table import SweepTable, Value
 from softfuse.cli.version import require_version
-from softfuse.config.build_device import build_device
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.sweep import Series, outcomes
-from softfuse.experiment.sweep_series import places_of, with_moduli, with_shortened
+from softfuse.experiment.sweep_series import places_of, swept_model, with_moduli
 from softfuse.mechanics.model import Model
 from softfuse.robot.digest import digest
 from softfuse.robot.file import RobotSettings, parse
+from softfuse.robot.robot import build_robot
 
 
 @dataclass(frozen=True)
@@ -103,4 +103,4 @@ def _device(pressed: Pressed) -> tuple[RobotSettings, Model]:
     config = parse(pressed.text, Path(pressed.path))
     if digest(config) != pressed.digest:
         raise SoftfuseError(f"{pressed.path}: a worker finds other files than here: share the folder")
-    return config, with_shortened(build_device(config), pressed.shortened)
+    return config, swept_model(build_robot(config), pressed.shortened)

@@ -14,7 +14,6 @@ from softfuse.cli.terminal import Quiet, printable, stderr, stdout, tracked
 from softfuse.cli.testbed_files import Outputs, done_already
 from softfuse.cli.testbed_plan import Plan, moves
 from softfuse.cli.testbed_sensors import Sensors
-from softfuse.config.contact import DiscSettings
 from softfuse.errors import ConfigError, HardwareError
 from softfuse.hardware.source.connection import remedy
 from softfuse.hardware.source.serial_port import open_serial
@@ -27,6 +26,7 @@ from softfuse.hardware.testbed.bench import Bench, Pressed, workspace_of
 from softfuse.hardware.testbed.gathering import ForceAxis
 from softfuse.hardware.testbed.places import grid, read_places
 from softfuse.hardware.testbed.procedure import PressSettings
+from softfuse.robot.contacts import DiscSettings
 from softfuse.robot.file import RobotSettings, load
 
 _DEFAULTS = PressSettings()
@@ -172,11 +172,12 @@ def _stage(url: str, baud: int, firmware: Firmware, workspace: Workspace) -> Gco
 
 def _workspace(config: RobotSettings) -> tuple[tuple[float, float], tuple[float, float]]:
     sensor_columns(config)
-    if not isinstance(config.contact, DiscSettings):
+    contact = config.contact()
+    if not isinstance(contact, DiscSettings):
         raise ConfigError(
             f"{config.path}: contact: a disc with a workspace is needed for a grid; or give --places"
         )
-    return config.contact.workspace.x, config.contact.workspace.y
+    return contact.within.x, contact.within.y
 
 
 def _counted(places: tuple[int, int]) -> tuple[int, int]:

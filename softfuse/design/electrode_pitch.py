@@ -7,15 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.config.build_mutual import mutual_grid
-from softfuse.config.build_sensors import contact_peak
-from softfuse.config.mutual import MutualSettings
-from softfuse.config.sensors import CapacitiveSettings
 from softfuse.design.plan import DesignPlan
 from softfuse.errors import ConfigError
 from softfuse.robot.body import BlockSource
 from softfuse.robot.file import Edits
 from softfuse.robot.settings import RobotSettings
+from softfuse.sensors.crossed.settings import CrossedSettings
+from softfuse.sensors.mutual.settings import MutualSettings
 from softfuse.sensors.place_information import charge_of, place_told_by_grid, place_told_by_lines
 
 _KINDS = ("columns", "rows")
@@ -66,12 +64,13 @@ class ElectrodePitch(eqx.Module):
         """The edits of a config that give it the lines of parameters (p,); none where these do not change."""
         if not self.ties.any():
             return {}
-        assert config.sensors is not None
-        key = "mutual" if config.sensors.grid else "capacitive"
+        lines = _lines(config)
+        assert lines is not None  # as there are ties
+        key = config.sensors.index(lines)
         columns, rows = (np.asarray(each).tolist() for each in self.lines(jnp.asarray(theta)))
         edits: dict[tuple[str | int, ...], list[str]] = {
-            ("sensors", key, "column_x"): [f"{1e3 * x:.12g} mm" for x in columns],
-            ("sensors", key, "row_y"): [f"{1e3 * y:.12g} mm" for y in rows],
+            ("sensor", key, "column_x"): [f"{1e3 * x:.12g} mm" for x in columns],
+            ("sensor", key, "row_y"): [f"{1e3 * y:.12g} mm" for y in rows],
         }
         return edits
 
@@ -108,9 +107,8 @@ def touched(
     (firm_on). Raises ConfigError when the device has no rows and columns of electrodes.
     """
     match lines := _lines(config):
-        case CapacitiveSettings():
-            assert config.contact is not None  # crossed lines sense where a disc presses
-            peak = contact_peak(lines, config.contact.radius)
+        case CrossedSettings():
+            peak = lines.peak_model(config.contact(lines.contact).radius)
             charge = charge_of(peak, lines.touch.contact_on_counts)
 
             def by_lines(theta: Array) -> Float[Array, "s 2 2"]:
@@ -120,7 +118,7 @@ def touched(
 
             return by_lines
         case MutualSettings():
-            grid = mutual_grid(lines).model
+            grid = lines.grid().model
 
             def by_grid(theta: Array) -> Float[Array, "s 2 2"]:
                 columns, rows = pitch.lines(theta)
@@ -137,6 +135,7 @@ def touched(
     )
 
 
-def _lines(config: RobotSettings) -> CapacitiveSettings | MutualSettings | None:
-    sensors = config.sensors
-    return None if sensors is None else sensors.crossed or sensors.grid
+def _lines(config: RobotSettings) -> CrossedSettings | MutualSettings | None:
+    """The first sensor with rows and columns of electrodes."""
+    found = config.sensors_of(CrossedSettings) + config.sensors_of(MutualSettings)
+    return found[0] if found else None

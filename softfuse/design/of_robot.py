@@ -10,10 +10,8 @@ import tomlkit
 from jaxtyping import Array, Float
 from tomlkit.items import AoT
 
-from softfuse.config.build_attached import build_centreline, build_points
-from softfuse.config.build_device import build_device
 from softfuse.design.cable_route import CableRoute
-from softfuse.design.chamber_count import channel_edits
+from softfuse.design.chamber_count import channel_edits, with_chambers
 from softfuse.design.electrode_pitch import ElectrodePitch, touched
 from softfuse.design.limits import Limit
 from softfuse.design.objective import (
@@ -60,7 +58,14 @@ from softfuse.robot.layout.layout import Parameter, TiedLayout
 from softfuse.robot.layout.layout_mesh import Fineness, LayoutMesh
 from softfuse.robot.layout.outline import Outline
 from softfuse.robot.mesh import robot_mesh
+from softfuse.robot.robot import build_robot
 from softfuse.robot.settings import RobotSettings
+from softfuse.sensors.cable_length import CableLengthSettings
+from softfuse.sensors.crossed.settings import CrossedSettings
+from softfuse.sensors.electrodes.sensor import ElectrodeSettings
+from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.mutual.settings import MutualSettings
+from softfuse.sensors.pressure.sensor import PressureSettings
 
 ShownUnits = Mapping[str, tuple[str, float]]
 """By SI unit, the unit that people read and how many of it are one; others are read as they are."""
@@ -103,7 +108,7 @@ def build_problem(plan: DesignPlan, config: RobotSettings) -> Problem:
 
     Raises ConfigError as `build_layout` does, or when places and measures do not suit the device.
     """
-    channel_edits(plan, config)
+    config = with_chambers(plan, config)
     if config.body.element == "linear":
         raise ConfigError(
             f'{config.path}: body.element: walls of any shape need "taylor-hood" or "quadratic" elements'
@@ -119,7 +124,7 @@ def build_problem(plan: DesignPlan, config: RobotSettings) -> Problem:
 
     def build(mesh: LayoutMesh, theta: Float[np.ndarray, " p"]) -> Model:
         routed = route.configured(config, theta)
-        return build_device(routed, robot_mesh(routed, mesh.mesh(theta), mesh.walls))
+        return build_robot(routed, robot_mesh(routed, mesh.mesh(theta), mesh.walls)).model
 
     return Problem(
         layout=layout,
@@ -168,7 +173,7 @@ def limit_measures(
 
 def shown_units(config: RobotSettings) -> ShownUnits:
     """In which units people read the measures of a device."""
-    reading = ("mm³/N", 1e9) if config.gas is None else ("Pa/N", 1.0)
+    reading = ("Pa/N", 1.0) if config.sensors_of(PressureSettings) else ("mm³/N", 1e9)
     return {"m": ("mm", 1e3), "m/N": ("mm/N", 1e3), "reading/N": reading}
 
 
@@ -208,8 +213,8 @@ def build_places(plan: DesignPlan, config: RobotSettings) -> tuple[Array, tuple[
     )
     alone = build_series(presses, config)
     places = jnp.asarray(np.concatenate([places_of(config, series) for series in alone]))
-    numbers = [k for series in alone for k in series.places if isinstance(k, int)]
-    return places, tuple(config.electrodes[k].name for k in numbers)
+    names = tuple(place for series in alone for place in series.places if isinstance(place, str))
+    return places, names
 
 
 def build_measure(plan: DesignPlan, settings: AnyMeasure, names: Sequence[str]) -> AbstractMeasure:
@@ -243,16 +248,25 @@ def build_measure(plan: DesignPlan, settings: AnyMeasure, names: Sequence[str]) 
 
 
 def _noise(config: RobotSettings, plan: DesignPlan) -> Float[np.ndarray, " k"]:
-    if config.gas is None:
-        return np.full(len(plan.cavities), plan.noise.volume)
-    cables = np.full(len(config.cables), plan.noise.shortening)
-    return np.append(cables, np.full(len(plan.cavities), plan.noise.pressure))
+    each = [np.zeros(0)]
+    for sensor in config.sensors:
+        match sensor:
+            case FlowSettings():
+                each.append(np.full(len(sensor.chambers), plan.noise.volume))
+            case PressureSettings():
+                each.append(np.full(len(sensor.chambers), plan.noise.pressure))
+            case CableLengthSettings():
+                each.append(np.full(len(sensor.cables), plan.noise.shortening))
+            case _ if not isinstance(sensor, CrossedSettings | MutualSettings | ElectrodeSettings):
+                raise ConfigError(f'{config.path}: sensor "{sensor.name}": designs know no noise of its kind')
+    return np.concatenate(each)
 
 
 def _watched(config: RobotSettings, device: Model) -> MaterialPoints | None:
-    if config.centreline is not None:
-        return build_centreline(config, device.body)
-    return build_points(config, device.body) if config.points else None
+    line = config.centreline
+    points = [point.at for point in config.points] if line is None else line.points
+    with config.told("point" if line is None else "centreline.points"):
+        return MaterialPoints.embedded(device.body, np.array(points)) if points else None
 
 
 def _outside(plan: DesignPlan, config: RobotSettings) -> Outline:
@@ -260,7 +274,7 @@ def _outside(plan: DesignPlan, config: RobotSettings) -> Outline:
         case BlockSource() as source:
             return Outline.of_size(source.size)
         case FingerSource() as source:
-            return Outline.of(source.geometry([cavity.centre for cavity in config.cavities]).block())
+            return Outline.of(source.geometry([chamber.centre for chamber in config.chambers]).block())
         case source:
             raise ConfigError(
                 f"{plan.path}: device: the body of {config.path} comes from a {source.type}; cavities are "
@@ -347,8 +361,13 @@ def save_designed(
         edits["estimator", "reading_spread"] = None
     for place, value in edits.items():
         edit(document, place, value, config.path)
-    document["cavity"] = _tables(
-        [{"name": name, "centre": written_centre(*part)} for name, part in zip(names, parts, strict=True)]
+    # Of what all chambers have in common, the first one tells; how it was made differs from its drawing.
+    kept = {key: value for key, value in document["chamber"][0].items() if key not in ("shift", "growth")}
+    document["chamber"] = _tables(
+        [
+            {**kept, "name": name, "centre": written_centre(*part)}
+            for name, part in zip(names, parts, strict=True)
+        ]
     )
     return saved(tomlkit.dumps(document), target)
 

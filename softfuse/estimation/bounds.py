@@ -22,22 +22,15 @@ def limits_of(robot: Robot) -> Limits:
     """
     settings = robot.settings
     damping = settings.estimator.regularisation
-    bounds = []
-    for contact in settings.contacts:
-        bounds += [(0.0, contact.max_force, damping)] * (contact.forces * contact.at_once)
-    drives = [(0.0, 0.0, damping)] * len(robot.addresses.drives)
-    for cable in settings.cables:
-        drives[robot.addresses.drives[cable.name]] = 0.0, cable.max_tension, damping
-    atmosphere = settings.environment.atmosphere
+    forces = [each.max_force for each in settings.contacts for _ in range(each.forces * each.at_once)]
+    low, high = robot.ranges
+    units = np.ones(len(low))
     for chamber in settings.chambers:
-        if chamber.gas == "sealed":
-            told = atmosphere, atmosphere, damping / (_GAS * atmosphere) ** 2
-            drives[robot.addresses.drives[chamber.name]] = told
-        elif chamber.gas == "driven":
-            assert chamber.highest is not None  # its settings have told
-            told = chamber.lowest, chamber.highest, damping / _KILOPASCAL**2
-            drives[robot.addresses.drives[chamber.name]] = told
-    lower, upper, regularisation = (np.array(each, float) for each in zip(*bounds, *drives, strict=True))
+        if chamber.gas != "vented":
+            unit = _GAS * settings.environment.atmosphere if chamber.gas == "sealed" else _KILOPASCAL
+            units[robot.addresses.drives[chamber.name]] = unit
+    lower, upper = np.append(np.zeros(len(forces)), low), np.append(np.array(forces), high)
+    regularisation = damping / np.append(np.ones(len(forces)), units) ** 2
     motion = settings.estimator.largest_motion
     sigma = [each.place_sigma for each in settings.contacts if isinstance(each, PatchSettings) and each.span]
     place = sigma[0] if sigma else None

@@ -5,7 +5,7 @@ it does not know of its parameters.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from softfuse.estimation.reading_spread import ReadingSpread
 
@@ -13,23 +13,33 @@ FLOOR = 0.03
 """A reading that is smaller than this part of the largest one is missed as if it were that large."""
 
 
-def missed(reading: Float[np.ndarray, "*s k"], part: float) -> Float[np.ndarray, "*s k"]:
-    """Standard deviations (..., k) of what the model misses of readings (..., k), in their unit: a part [-]
-    of √(y² + (φ y_max)²). A reading that is NaN counts as 0.
+def missed(
+    reading: Float[np.ndarray, "*s k"], part: float, kind: Int[np.ndarray, " k"] | None = None
+) -> Float[np.ndarray, "*s k"]:
+    """Standard deviations (..., k) of what the model misses of readings (..., k), in their units: a part [-]
+    of √(y² + (φ y_max)²), y_max the largest of its `kind` (k,), such as those of one sensor, or of all. A
+    reading that is NaN counts as 0.
     """
     size = np.nan_to_num(np.abs(reading))
-    return part * np.hypot(size, FLOOR * size.max(axis=-1, keepdims=True))
+    largest = np.zeros_like(size)
+    kind = np.zeros(size.shape[-1], int) if kind is None else kind
+    for each in np.unique(kind):
+        own = kind == each
+        largest[..., own] = size[..., own].max(axis=-1, keepdims=True)
+    return part * np.hypot(size, FLOOR * largest)
 
 
 @dataclass(frozen=True, eq=False)
 class ModelError:
     """`part` [-] of each reading by which the model may be wrong, for each by itself, `alike` [-] for all
-    together, as where its stiffness is not known; and the spread of its parameters, if known.
+    together, as where its stiffness is not known; the spread of its parameters, if known; and the `kind` (k,)
+    of each reading, see `missed`, None: all of one.
     """
 
     part: float = 0.0
     alike: float = 0.0
     spread: ReadingSpread | None = None
+    kind: Int[np.ndarray, " k"] | None = None
 
     def covariance(
         self,
@@ -41,7 +51,7 @@ class ModelError:
         """Covariance (k, k) of measured minus modelled readings (k,) with sensors' noise (k,), under contacts
         at places (c, 3, 3) with forces (c,) N.
         """
-        covariance = np.diag(sigma**2 + missed(reading, self.part) ** 2)
+        covariance = np.diag(sigma**2 + missed(reading, self.part, self.kind) ** 2)
         covariance += self.alike**2 * np.outer(reading, reading)
         if self.spread is not None:
             covariance += self.spread.covariance(places, force_N)

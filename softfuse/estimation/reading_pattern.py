@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from softfuse.estimation.model_error import missed, whitening
 
@@ -39,12 +39,13 @@ def pattern_fit(
     reading: Float[np.ndarray, " k"],
     covariance: Float[np.ndarray, "k k"],
     valid: Bool[np.ndarray, " k"],
+    kind: Int[np.ndarray, " k"] | None = None,
 ) -> "PatternFit":
     """How well a press at each place (s, 3, 3), `pitch_m` (2,) apart, with readings per newton (s, k) [SI/N]
-    explains valid readings (k,) of a covariance (k, k).
+    explains valid readings (k,) of a covariance (k, k) and of so many kinds (k,), see `model_error.missed`.
     """
     reading = np.where(valid, reading, 0.0)
-    white = whitening(covariance + np.diag(missed(reading, _CHANGED) ** 2), valid)
+    white = whitening(covariance + np.diag(missed(reading, _CHANGED, kind) ** 2), valid)
     seen, slope = white @ reading, slope @ white.T
     size = np.maximum(np.sum(slope**2, axis=1), np.finfo(float).tiny)
     force = np.maximum(slope @ seen, 0.0) / size

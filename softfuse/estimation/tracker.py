@@ -240,6 +240,7 @@ class Tracker:
             found.drive[self._split :],
             np.asarray(now.reading),
             np.asarray(now.sigma),
+            np.asarray(now.valid),
             found.misfit,
             found.evidence,
             now.details,
@@ -287,7 +288,13 @@ class Tracker:
             self._slopes_at = attached
         valid = np.isfinite(self._unexplained)
         return pattern_fit(
-            pattern.places, pattern.pitch_m, self._slopes, self._unexplained, self._uncertain, valid
+            pattern.places,
+            pattern.pitch_m,
+            self._slopes,
+            self._unexplained,
+            self._uncertain,
+            valid,
+            self.robot.reading_kinds,
         )
 
     def _prepare(self) -> Future[_Pattern]:
@@ -401,6 +408,7 @@ class Tracker:
             acting = np.asarray(limits.upper > limits.lower)
             evidence = Evidence(
                 misfit,
+                np.asarray(now.sigma),
                 found.drive,
                 np.asarray(found.report.compliance),
                 along(places, places[:, 0]),
@@ -420,15 +428,15 @@ class Tracker:
         evidence = None
         if now.drift is not None:
             reading = np.where(now.valid, now.reading, np.nan)
-            evidence = Evidence.of_rest(reading, drives, len(seen.places), now.drift)
+            evidence = Evidence.of_rest(reading, np.asarray(now.sigma), drives, len(seen.places), now.drift)
         still = np.zeros((drives, drives))
         return _Estimated(np.zeros(drives), still, seen.places, as_seen(seen), unexplained, evidence, [])
 
     def _model_error(self, seen: Seen) -> ModelError:
         """By how much the model may be wrong; where only readings tell of a contact, never by nothing."""
-        given = self.settings.model_error
+        given = replace(self.settings.model_error, kind=self.robot.reading_kinds)
         alone = seen.unseen.any() or self.robot.unseen.any()
-        return AS_DRAWN if given.part == 0 and self._search and alone else given
+        return replace(AS_DRAWN, kind=given.kind) if given.part == 0 and self._search and alone else given
 
     def _told(self, seen: Seen) -> Bool[np.ndarray, " c"]:
         """Contacts (c,) whose places readings tell: of a model about whose errors nothing is known, only of

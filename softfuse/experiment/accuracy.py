@@ -22,18 +22,18 @@ NINETY = 1.645
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Estimates and truth at the instants that count: level (s,) from 1, location (s, 2) [m], force (s,) [N],
-    and the standard deviations of both.
+    """Estimates and truth at the instants that count: level (s,) from 1, location (s, d) [m] along x and y, or
+    x, y and z, force (s,) [N], and the standard deviations of both.
 
     NaN where there is no estimate, or its standard deviation is not known.
     """
 
     level: Int[np.ndarray, " s"]
-    location_m: Float[np.ndarray, "s 2"]
+    location_m: Float[np.ndarray, "s d"]
     force_N: Float[np.ndarray, " s"]
-    true_location_m: Float[np.ndarray, "s 2"]
+    true_location_m: Float[np.ndarray, "s d"]
     true_force_N: Float[np.ndarray, " s"]
-    location_sigma_m: Float[np.ndarray, "s 2"]
+    location_sigma_m: Float[np.ndarray, "s d"]
     force_sigma_N: Float[np.ndarray, " s"]
 
     @property
@@ -51,10 +51,14 @@ class Samples:
         return Samples(*(getattr(self, each.name)[which] for each in fields(self)))
 
     def groups(self) -> dict[str, np.ndarray]:
-        """Masks (s,) of all samples, those in the workspace circle, and those of each level."""
+        """Masks (s,) of all samples, those in the workspace circle where that is flat, and those of each
+        level.
+        """
         every = np.ones(len(self.level), bool)
-        circle = np.linalg.norm(self.true_location_m, axis=1) <= WORKSPACE_CIRCLE_M
         levels = {f"level_{k}": self.level == k for k in np.unique(self.level)}
+        if self.true_location_m.shape[1] != 2:
+            return {"all": every, **levels}
+        circle = np.linalg.norm(self.true_location_m, axis=1) <= WORKSPACE_CIRCLE_M
         return {"all": every, "circle": circle, **levels}
 
 
@@ -101,7 +105,7 @@ def coverage(samples: Samples) -> dict[str, float]:
     """
     off = (samples.location_m - samples.true_location_m) / samples.location_sigma_m
     ratio = {"force": (samples.force_N - samples.true_force_N) / samples.force_sigma_N}
-    ratio |= {"x": off[:, 0], "y": off[:, 1]}
+    ratio |= {axis: off[:, k] for k, axis in enumerate("xyz"[: off.shape[1]])}
     return {
         name: spread((np.abs(r) < NINETY)[np.isfinite(r)].astype(float)).mean for name, r in ratio.items()
     }

@@ -22,14 +22,14 @@ class Series:
     """What is the same in some cases, and the forces in which they differ.
 
     number: of the first case; modulus_factor: of all moduli; cables: the shortening [m] or tension [N] of
-    each; places: of each contact, x and y [m] of a disc's middle or the number of an electrode; forces:
+    each; places: of each contact, x and y [m] of a disc's middle or the name of an electrode; forces:
     ascending, of each contact [N].
     """
 
     number: int
     modulus_factor: float
     cables: tuple[float, ...]
-    places: tuple[tuple[float, float] | int, ...]
+    places: tuple[tuple[float, float] | str, ...]
     forces: tuple[float, ...]
 
 

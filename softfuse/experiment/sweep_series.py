@@ -9,8 +9,6 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.body.body import Body
-from softfuse.config.build_device import electrode_places
-from softfuse.config.contact import DiscSettings, PatchSettings
 from softfuse.errors import ConfigError
 from softfuse.experiment.sweep import Series
 from softfuse.experiment.sweep_plan import (
@@ -24,7 +22,10 @@ from softfuse.experiment.sweep_plan import (
 from softfuse.functional.chart import facing
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.model import Model
+from softfuse.mechanics.reading import AbstractReading, AnswerReading, ShapeReading
+from softfuse.robot.contacts import DiscSettings, PatchSettings
 from softfuse.robot.laws import materials_of
+from softfuse.robot.robot import Robot
 from softfuse.robot.settings import RobotSettings
 
 MOST_CASES = 1_000_000
@@ -32,7 +33,7 @@ _TRIES = 10_000
 """Draws of random places for a case, until they are far enough apart."""
 
 Disc = tuple[float, float]
-Sets = list[tuple[Disc, ...]] | list[tuple[int, ...]]
+Sets = list[tuple[Disc, ...]] | list[tuple[str, ...]]
 
 
 def build_series(plan: SweepPlan, config: RobotSettings) -> list[Series]:
@@ -53,10 +54,11 @@ def build_series(plan: SweepPlan, config: RobotSettings) -> list[Series]:
 
 def places_of(config: RobotSettings, series: Series) -> Float[np.ndarray, "c 3 3"]:
     """The places (c, 3, 3) of a series."""
-    if isinstance(config.contact, DiscSettings):
-        points = [(*place, 0.0) for place in series.places if not isinstance(place, int)]
-        return facing(np.array(points), np.array(config.contact.direction))
-    return electrode_places(config)[np.array(series.places, int)]
+    contact, named = config.contact(), config.places
+    if isinstance(contact, DiscSettings):
+        points = [(*place, 0.0) for place in series.places if not isinstance(place, str)]
+        return facing(np.array(points), contact.direction)
+    return np.array([named[place] for place in series.places if isinstance(place, str)])
 
 
 def shortened_cables(plan: SweepPlan, config: RobotSettings) -> tuple[bool, ...]:
@@ -65,14 +67,19 @@ def shortened_cables(plan: SweepPlan, config: RobotSettings) -> tuple[bool, ...]
     return tuple(cable.name in by_length for cable in config.cables)
 
 
-def with_shortened(device: Model, shortened: tuple[bool, ...]) -> Model:
-    """A device of a config with those of its cables shortened instead of pulled."""
-    count = len(shortened)
+def swept_model(robot: Robot, shortened: tuple[bool, ...]) -> Model:
+    """The model of a robot with those of its cables shortened instead of pulled, whose readings are those of
+    its parts: what answers each cable, the change of volume of each chamber, the pressure of sealed gas.
+    """
+    model, count, drives = robot.model, len(shortened), robot.addresses.drives
     cables = [
-        ShortenedCable.of(cable, device.body) if by_length and isinstance(cable, PulledCable) else cable
-        for cable, by_length in zip(device.actuators[:count], shortened, strict=True)
+        ShortenedCable.of(cable, model.body) if by_length and isinstance(cable, PulledCable) else cable
+        for cable, by_length in zip(model.actuators[:count], shortened, strict=True)
     ]
-    return replace(device, actuators=(*cables, *device.actuators[count:]))
+    readings: list[AbstractReading] = [AnswerReading((drives[each.name],)) for each in robot.settings.cables]
+    readings += [ShapeReading(part.cavity) for part in robot.parts.chambers.values()]
+    readings += [AnswerReading((part.drive,)) for part in robot.parts.chambers.values() if part.sealed]
+    return replace(model, actuators=(*cables, *model.actuators[count:]), readings=tuple(readings))
 
 
 def with_moduli(device: Model, config: RobotSettings, factor: float) -> Model:
@@ -107,9 +114,7 @@ def _cable_levels(plan: SweepPlan, config: RobotSettings) -> list[tuple[float, .
 
 def _place_sets(plan: SweepPlan, config: RobotSettings) -> Sets:
     places = plan.places
-    match config.contact, places:
-        case None, _:
-            raise ConfigError(f"{config.path}: contact: missing, needed to press on the device")
+    match config.contact(), places:
         case PatchSettings(), ElectrodePlaces():
             return _electrode_sets(places, plan, config)
         case PatchSettings(), _:
@@ -128,8 +133,8 @@ def _place_sets(plan: SweepPlan, config: RobotSettings) -> Sets:
     raise AssertionError("every contact has its kinds of places")
 
 
-def _electrode_sets(places: ElectrodePlaces, plan: SweepPlan, config: RobotSettings) -> list[tuple[int, ...]]:
-    known = [electrode.name for electrode in config.electrodes]
+def _electrode_sets(places: ElectrodePlaces, plan: SweepPlan, config: RobotSettings) -> list[tuple[str, ...]]:
+    known = list(config.places)
     names = known if places.names is None else places.names
     for k, name in enumerate(names):
         key = f"{plan.path}: places.names[{k}]"
@@ -137,10 +142,9 @@ def _electrode_sets(places: ElectrodePlaces, plan: SweepPlan, config: RobotSetti
             raise ConfigError(f'{key}: there is no electrode "{name}": give some of {_quoted(known)}')
         if name in names[:k]:
             raise ConfigError(f'{key}: the electrode "{name}" is given twice')
-    numbers = [known.index(name) for name in names]
-    if plan.contacts[-1] > len(numbers):
-        raise ConfigError(f"{plan.path}: contacts: {plan.contacts[-1]} at once on {len(numbers)} electrodes")
-    return list(chain.from_iterable(combinations(numbers, c) for c in plan.contacts))
+    if plan.contacts[-1] > len(names):
+        raise ConfigError(f"{plan.path}: contacts: {plan.contacts[-1]} at once on {len(names)} electrodes")
+    return list(chain.from_iterable(combinations(names, c) for c in plan.contacts))
 
 
 def _sets_apart(
@@ -193,7 +197,7 @@ def _ranges(places: GridPlaces | RandomPlaces, plan: SweepPlan, contact: DiscSet
     """Of x and of y; within the workspace."""
     ranges = []
     for axis in ("x", "y"):
-        allowed, given = getattr(contact.workspace, axis), getattr(places, axis)
+        allowed, given = getattr(contact.within, axis), getattr(places, axis)
         if given is not None and (given[0] < allowed[0] or given[1] > allowed[1]):
             raise ConfigError(
                 f"{plan.path}: places.{axis}: beyond contact.workspace, {_millimetres(allowed)}"
@@ -206,7 +210,7 @@ def _check_listed(places: list[Disc], plan: SweepPlan, contact: DiscSettings) ->
     for k, place in enumerate(places):
         key = f"{plan.path}: places.at[{k}]"
         for value, axis in zip(place, "xy", strict=True):
-            low, high = allowed = getattr(contact.workspace, axis)
+            low, high = allowed = getattr(contact.within, axis)
             if not low <= value <= high:
                 raise ConfigError(f"{key}: {axis} is beyond contact.workspace, {_millimetres(allowed)}")
         if place in places[:k]:

@@ -42,8 +42,8 @@ class CommandSettings(Settings):
     def _check(self) -> Self:
         if not self._told:
             raise wrong_value(
-                f'"{self.unit}" is no unit of a length, a tension or a pressure: give one such as "mm", "N" or '
-                '"kPa"',
+                f'"{self.unit}" is no unit of a length, a tension or a pressure: give one such as "mm", "N" '
+                'or "kPa"',
                 key="unit",
             )
         return self

@@ -75,8 +75,8 @@ class ContactSettings(Settings):
         """The contact on the outward faces (f, s) of a body with nodes at `rest` (k, 3) m."""
 
     @abstractmethod
-    def chart(self) -> AbstractChart | None:
-        """The coordinates of its places; None on a surface that has none."""
+    def chart(self, faces: Int[np.ndarray, "f s"], rest: Float[np.ndarray, "k 3"]) -> AbstractChart | None:
+        """The coordinates of its places on such faces; None on a surface that has none."""
 
     @abstractmethod
     def workspace(
@@ -121,9 +121,11 @@ class DiscSettings(ContactSettings):
         disc = Contact(surface, self.cells(), jnp.zeros(3), jnp.asarray(self.radius), self.compliance)
         return PunchContact(disc)
 
-    def chart(self):
-        """Across its direction."""
-        return FlatChart.along(self.direction)
+    def chart(self, faces, rest):
+        """Across its direction, at the height of the outermost point of the faces."""
+        flat = FlatChart.along(self.direction)
+        outermost = np.min(np.asarray(rest)[np.unique(faces)] @ np.asarray(flat.direction))
+        return FlatChart(outermost * flat.direction, flat.axes, flat.direction)
 
     def real(self, skin):
         """The same disc, through both layers."""
@@ -137,8 +139,7 @@ class DiscSettings(ContactSettings):
 
     def workspace(self, faces, rest):
         """The rectangle."""
-        del faces, rest
-        return FlatWorkspace(FlatChart.along(self.direction), *self.ranges)
+        return FlatWorkspace(self.chart(faces, rest), *self.ranges)
 
     @property
     def forces(self):
@@ -189,8 +190,9 @@ class PatchSettings(ContactSettings):
         cells = uniform(rings=_RINGS, angles=_ANGLES)
         return PatchContact.on(faces, cells, self.radius, offsets)
 
-    def chart(self):
+    def chart(self, faces, rest):
         """None."""
+        del faces, rest
         return None
 
     def workspace(self, faces, rest):

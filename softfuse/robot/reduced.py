@@ -1,4 +1,4 @@
-"""From settings to the charts of a reduced device."""
+"""Local reduced models of a robot: where each is good, and how it is trained."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,13 +9,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.body import Body
-from softfuse.config.build_device import build_limits, electrode_places
-from softfuse.config.contact import DiscSettings
 from softfuse.errors import ConfigError, SolveError
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.solution import RESULTS
+from softfuse.robot.contacts import DiscSettings
 from softfuse.robot.digest import digest
+from softfuse.robot.robot import Robot
 from softfuse.robot.settings import RobotSettings
 from softfuse.rom.atlas import Atlas, AtlasFolder
 from softfuse.rom.cells import AbstractRegions, Cells, Spots
@@ -34,44 +34,57 @@ _LIGHT = 1e-2
 
 
 def build_regions(config: RobotSettings) -> AbstractRegions:
-    """The cells of a disc's workspace, or the electrodes that are pushed at.
+    """The cells of a disc's workspace, or the places that have a name.
 
-    Raises ConfigError when the config has no contact.
+    Raises ConfigError when there is not one kind of contact that presses in cells or at named places.
     """
-    if config.contact is None:
-        raise ConfigError(f"{config.path}: contact: missing, a device is reduced for what presses on it")
-    if not isinstance(config.contact, DiscSettings):
-        return Spots(electrode_places(config))
-    workspace = config.contact.workspace
-    low, high = zip(workspace.x, workspace.y, strict=True)
-    return Cells.over(low, high, config.reduction.cell, config.contact.direction)
+    contact = config.contact()
+    if not isinstance(contact, DiscSettings):
+        if not config.places:
+            raise ConfigError(
+                f"{config.path}: contact: reduced models are trained for discs in a workspace, or for places "
+                "of electrodes; this contact has neither"
+            )
+        return Spots(np.array(list(config.places.values())))
+    low, high = (tuple(end.tolist()) for end in contact.ranges)
+    return Cells.over(low, high, config.reduction.cell, contact.direction)
 
 
 def reduction_mark(config: RobotSettings) -> str:
     """What tells two reduced devices apart: a digest of all settings that have a say."""
-    parts = {"body", "cavities", "cables", "gas", "contact", "electrodes", "reduction"}
+    parts = {"body", "environment", "chambers", "cables", "contacts", "sensors", "reduction"}
     return f"{_REVISION}-{digest(config, parts)}"
 
 
-def with_charts(config: RobotSettings, device: Model, folder: Path | None) -> Model | Atlas:
-    """The charts of a folder that were made of the config's device; the device itself without a folder.
+def with_charts(robot: Robot, folder: Path | None) -> Model | Atlas:
+    """The reduced models of a folder that were made of the robot; its own model without a folder.
 
-    Raises ConfigError when the config has no contact, SoftfuseError when a chart is missing, damaged or
-    another device's.
+    Raises ConfigError as `build_regions`, SoftfuseError when a reduced model is missing, damaged or another
+    robot's.
     """
     if folder is None:
-        return device
-    return Atlas(device, build_regions(config), AtlasFolder(folder, reduction_mark(config)))
+        return robot.model
+    settings = robot.settings
+    return Atlas(robot.model, build_regions(settings), AtlasFolder(folder, reduction_mark(settings)))
 
 
 @dataclass(frozen=True, eq=False)
 class Teacher:
-    """Makes the charts of a full device, which has that stiffness at rest."""
+    """Makes the charts of a robot, whose body has that stiffness at rest."""
 
-    config: RobotSettings
-    device: Model
+    robot: Robot
     stiffness: RestStiffness
     regions: AbstractRegions
+
+    @property
+    def device(self) -> Model:
+        """The full model."""
+        return self.robot.model
+
+    @property
+    def config(self) -> RobotSettings:
+        """The robot's settings."""
+        return self.robot.settings
 
     @cached_property
     def _loads_at(self) -> LoadsAt:
@@ -98,8 +111,7 @@ class Teacher:
 
         Raises SolveError when the body has no equilibrium under a hundredth of the contact's `max_force`.
         """
-        contact, travel = self.config.contact, self.config.reduction.travel
-        assert contact is not None
+        contact, travel = self.config.contact(), self.config.reduction.travel
         if travel is None:
             return contact.max_force
         place, drives = jnp.asarray(self._middle(number))[None], self.device.contacts[0].drives
@@ -130,9 +142,16 @@ class Teacher:
             assert isinstance(contact, PunchContact)
             over = places_over(cell, contact.disc, np.asarray(self.device.body.rest))
             return paths, [jnp.asarray(place)[None] for place in over]
-        limits, place = build_limits(self.config, 1), jnp.asarray(self._middle(number))[None]
-        low, high = np.asarray(limits.lower), np.array(limits.upper)
+        place = jnp.asarray(self._middle(number))[None]
         patches = self.device.contacts[0].drives
-        cables = slice(patches, patches + len(self.config.cables))
-        high[:patches], high[cables] = force, np.minimum(high[cables], given.tension or np.inf)
+        low, high = (np.append(np.full(patches, end), own) for end, own in zip((0.0, force), self._drives))
         return pushes(place, patches, low, high, levels=given.levels, near=given.near), [place]
+
+    @property
+    def _drives(self) -> tuple[Float[np.ndarray, " a"], Float[np.ndarray, " a"]]:
+        """Between what the actuators are driven (a,)."""
+        low, high = self.robot.ranges
+        for cable in self.config.cables:
+            at = self.robot.addresses.drives[cable.name]
+            high[at] = min(high[at], self.config.reduction.tension or np.inf)
+        return low, high

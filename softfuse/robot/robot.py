@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from softfuse.body.body import Body
 from softfuse.body.element import ELEMENTS
@@ -80,6 +80,32 @@ class Robot:
         """What people call it."""
         return self.settings.robot.name
 
+    @property
+    def reading_kinds(self) -> Int[np.ndarray, " k"]:
+        """Which sensor each reading (k,) is of: those of one have one unit."""
+        kinds = np.zeros(self.model.n_readings, int)
+        for number, own in enumerate(self.addresses.readings.values()):
+            kinds[own] = number
+        return kinds
+
+    @property
+    def ranges(self) -> tuple[Float[np.ndarray, " a"], Float[np.ndarray, " a"]]:
+        """The lowest and highest of what the actuators (a,) are driven with: tensions [N], the absolute
+        pressure at rest of gas that is sealed in, driven gauge pressures [Pa].
+        """
+        low, high = np.zeros((2, len(self.addresses.drives)))
+        for cable in self.settings.cables:
+            high[self.addresses.drives[cable.name]] = cable.max_tension
+        for chamber in self.settings.chambers:
+            if chamber.gas == "sealed":
+                at = self.addresses.drives[chamber.name]
+                low[at] = high[at] = self.settings.environment.atmosphere
+            elif chamber.gas == "driven":
+                assert chamber.highest is not None  # its settings have told
+                at = self.addresses.drives[chamber.name]
+                low[at], high[at] = chamber.lowest, chamber.highest
+        return low, high
+
     def points(self) -> MaterialPoints:
         """Its named points, none or more; raises ConfigError for one outside the body."""
         with self.settings.told("point"):
@@ -137,7 +163,7 @@ def build_robot(settings: RobotSettings, mesh: RobotMesh | None = None) -> Robot
         },
         cables={cable.name: CablePart(drives[cable.name]) for cable in settings.cables},
         contacts={
-            contact.name: ContactPart(contact.chart(), contact.radius, contact.at_once, *contact.ranges)
+            contact.name: ContactPart(contact.chart(faces, mesh.mesh.nodes), contact.radius, contact.at_once, *contact.ranges)
             for contact in settings.contacts
         },
         points={point.name: np.array(point.at) for point in settings.points},

@@ -1,7 +1,9 @@
 """A robot as a TOML file describes it: body, actuators, contacts, sensors and what is around it."""
 
 from collections.abc import Sequence
-from typing import Annotated, Self, TypeVar, Union
+from functools import reduce
+from operator import or_
+from typing import Annotated, Self, TypeVar
 
 import numpy as np
 from annotated_types import Ge
@@ -31,7 +33,7 @@ class NameSettings(Settings):
 
 _Kind = TypeVar("_Kind", bound=SensorSettings)
 
-AnySensor = Annotated[Union[tuple(SENSORS.values())], Field(discriminator="type")]  # noqa: UP007
+AnySensor = Annotated[reduce(or_, SENSORS.values()), Field(discriminator="type")]
 """One of the kinds of sensors that there are."""
 
 

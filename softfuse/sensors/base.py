@@ -8,7 +8,7 @@ readings of all other sensors; the places of contacts. All of it is pure and cau
 """
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import equinox as eqx
@@ -121,6 +121,14 @@ class Measurement(NamedTuple):
     details: Any = None
 
 
+class Image(NamedTuple):
+    """What electrodes see: values (r, s) at heights y_m (r,) and at x_m (s,) [m] of the contact's chart."""
+
+    values: Float[np.ndarray, "r s"]
+    x_m: Float[np.ndarray, " s"]
+    y_m: Float[np.ndarray, " r"]
+
+
 class Evidence(NamedTuple):
     """What one sensor says of its c contacts.
 
@@ -144,6 +152,11 @@ class AbstractSensor(eqx.Module):
     name: eqx.AbstractVar[str]
     channels: eqx.AbstractVar[tuple[str, ...]]
     readings: eqx.AbstractVar[tuple[str, ...]]
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The SI unit of each reading, such as "m", "m^3", "Pa", "N" or "rad"; "" of a plain number."""
+        return ("",) * len(self.readings)
 
     @property
     def chambers(self) -> tuple[str, ...]:
@@ -193,6 +206,11 @@ class AbstractContactSensor(eqx.Module):
     def init(self) -> Any:
         """State before the first frame; nothing touches."""
 
+    def image(self, details: Any) -> Image | None:
+        """What it sees, of the details of its evidence; None of one that makes no image."""
+        del details
+        return None
+
     @abstractmethod
     def touch(self, state: Any, frame: FrameTime, raw: Float[Array, " n"], hint: Hint) -> tuple[Any, Touch]:
         """What touches in a frame of raw readings (n,), NaN where missing."""
@@ -236,6 +254,11 @@ class SensorSettings(Settings):
     @abstractmethod
     def functional(self, parts: "Parts") -> "AbstractReading | None":
         """What it measures of an equilibrium; None for one that sees contacts."""
+
+    @property
+    def places(self) -> "Mapping[str, Float[np.ndarray, '3 3']]":
+        """The named places (3, 3) where it sees contacts, none where these may be anywhere."""
+        return {}
 
     def points(self, parts: "Parts") -> Float[np.ndarray, "m 3"]:
         """Material points (m, 3) m of the body at rest that `signal` wants to be followed."""

@@ -37,6 +37,11 @@ class CableLength(AbstractSensor):
     def _shortening(self, raw: Float[Array, " b"]) -> Float[Array, " b"]:
         return raw * self.unit_m - self.zero_m
 
+    @property
+    def units(self):
+        """Lengths."""
+        return ("m",) * len(self.readings)
+
     def init(self):
         """Nothing has been read: mean lengths (b,) [m]."""
         return jnp.full(len(self.channels), jnp.nan)

@@ -6,6 +6,7 @@ may miss.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -70,7 +71,8 @@ class Observation(NamedTuple):
     """What the readings drift by; None where `SensorSuite.drift` is."""
 
 
-class Addresses(NamedTuple):
+@dataclass(frozen=True)
+class Addresses:
     """Which of a row of numbers belong to whom: names, and where each one's begin, and the end of all."""
 
     names: tuple[str, ...]
@@ -82,7 +84,7 @@ class Addresses(NamedTuple):
         starts = np.cumsum([0, *(count for _, count in counts)]).tolist()
         return cls(tuple(name for name, _ in counts), tuple(starts))
 
-    def __getitem__(self, name):
+    def __getitem__(self, name: str) -> slice:
         """The numbers that belong to a name."""
         k = self.names.index(name)
         return slice(self.starts[k], self.starts[k + 1])
@@ -183,6 +185,11 @@ class SensorSuite(eqx.Module):
         """What the sensors measure of an equilibrium, in the order of the suite's readings."""
         each = [one.functional(parts) for one in settings]
         return JointReading(tuple(reading for reading in each if reading is not None))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The SI unit of each reading, see `AbstractSensor.units`."""
+        return tuple(unit for each in self.sensors for unit in each.units)
 
     @property
     def slots(self) -> int:

@@ -5,7 +5,7 @@ import dataclasses
 import io
 
 from softfuse.experiment.accuracy import Spread
-from softfuse.experiment.comparison import Comparison
+from softfuse.report.comparison import Comparison
 
 TABLE = Comparison(
     "table_2",

@@ -5,8 +5,8 @@ import warnings
 import numpy as np
 
 from softfuse.experiment.finger_figures import contacts_over_time, points_over_depth
-from softfuse.experiment.report import picture
-from softfuse.experiment.shape_figures import Shape, shapes, sharp_edges
+from softfuse.report.page import picture
+from softfuse.report.shape_figures import Shape, shapes, sharp_edges
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import outer_surface
 

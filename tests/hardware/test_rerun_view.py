@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from softfuse.errors import HardwareError
-from softfuse.experiment.figures import flat_triangles
-from softfuse.experiment.shape_figures import sharp_edges
+from softfuse.report.figures import flat_triangles
+from softfuse.report.shape_figures import sharp_edges
 from softfuse.hardware.live.rerun_view import Picture, RerunView, Scene
 from softfuse.hardware.live.viewer_process import end_viewer
 from softfuse.hardware.stream import Notice

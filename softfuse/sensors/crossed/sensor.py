@@ -11,10 +11,11 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from softfuse.functional.chart import AbstractChart
-from softfuse.sensors.base import AbstractContactSensor, Evidence, Touch
+from softfuse.sensors.base import AbstractContactSensor, Evidence, Image, Touch
 from softfuse.sensors.capacitive import (
     ArrayReading,
     ArrayState,
@@ -117,6 +118,11 @@ class CrossedElectrodes(AbstractContactSensor):
     def misses(self):
         """What does not conduct is not seen."""
         return True
+
+    def image(self, details):
+        """Of all crossings."""
+        x_m, y_m = (np.asarray(each) for each in (self.peak.column_x_m, self.peak.row_y_m))
+        return Image(np.asarray(details.image).T, x_m, y_m)
 
     def init(self):
         """Untouched, unless `touched_start` tells."""

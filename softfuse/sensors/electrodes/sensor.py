@@ -203,6 +203,11 @@ class ElectrodeSettings(CountsSettings):
         """None: it sees contacts."""
         return None
 
+    @property
+    def places(self):
+        """The electrodes."""
+        return {electrode.name: electrode.place() for electrode in self.electrodes}
+
     def points(self, parts):
         """Those that stand for the electrodes."""
         del parts

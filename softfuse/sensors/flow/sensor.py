@@ -99,6 +99,11 @@ class Flow(AbstractSensor):
         """That of the zeros."""
         return flow_drift(self.filter)
 
+    @property
+    def units(self):
+        """Volumes."""
+        return ("m^3",) * len(self.readings)
+
     def init(self):
         """Untouched."""
         return flow_init(self.filter)

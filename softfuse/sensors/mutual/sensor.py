@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from softfuse.functional.chart import AbstractChart
-from softfuse.sensors.base import AbstractContactSensor, Evidence, Touch
+from softfuse.sensors.base import AbstractContactSensor, Evidence, Image, Touch
 from softfuse.sensors.contact_places import chart_places
 from softfuse.sensors.mutual.grid import MutualGrid, MutualReading, MutualState, mutual_init, mutual_update
 from softfuse.sensors.slots import ContactSlots, assign_slots, slots_init
@@ -71,6 +72,11 @@ class MutualElectrodes(AbstractContactSensor):
     def misses(self):
         """What does not conduct couples."""
         return False
+
+    def image(self, details):
+        """Of all crossings."""
+        x_m, y_m = (np.asarray(each) for each in (self.grid.model.column_x_m, self.grid.model.row_y_m))
+        return Image(np.asarray(details.image).T, x_m, y_m)
 
     def init(self):
         """Untouched. Raises ConfigError when there are more contacts than touches that the grid follows."""

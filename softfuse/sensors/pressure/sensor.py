@@ -157,6 +157,11 @@ class GaugePressure(AbstractSensor):
         """Those whose gas is sealed in."""
         return tuple(name for name, sealed in zip(self.tapped, self.sealed, strict=True) if sealed)
 
+    @property
+    def units(self):
+        """Pressures."""
+        return ("Pa",) * len(self.readings)
+
     def init(self):
         """At rest."""
         k = len(self.tapped)

@@ -1,18 +1,33 @@
-"""Pictures of an estimated recording, in mm, N and mm³; each function draws one matplotlib figure."""
+"""Pictures of an estimated recording, in people's units; each function draws one matplotlib figure. Wide pale
+lines are true or measured, thin ones estimated.
+"""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from softfuse.experiment.accuracy import NINETY, WORKSPACE_CIRCLE_M, Samples
+from softfuse.experiment.accuracy import NINETY, Samples
+from softfuse.sensors.base import Image
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 ESTIMATE, TRUTH = "tab:blue", "0.35"
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Axes over time: what they show, with its unit; k named lines (n, k), and what is measured or true
+    beneath them (n, k), if anything; NaN where it is not known.
+    """
+
+    label: str
+    names: Sequence[str]
+    estimated: Float[np.ndarray, "n k"]
+    beneath: Float[np.ndarray, "n k"] | None = None
 
 
 def blank(width: float, height: float) -> "Figure":
@@ -22,74 +37,42 @@ def blank(width: float, height: float) -> "Figure":
     return Figure(figsize=(width, height), layout="constrained", dpi=110)
 
 
-def force_over_time(
-    time_s: Float[np.ndarray, " n"],
-    force_N: Float[np.ndarray, " n"],
-    true_force_N: Float[np.ndarray, " n"] | None,
-) -> "Figure":
-    """Estimated force over time, and the true one where it is known."""
-    figure = blank(9, 2.8)
-    axes = figure.subplots()
-    if true_force_N is not None:
-        axes.plot(time_s, true_force_N, color=TRUTH, lw=2.5, alpha=0.6, label="true")
-    axes.plot(time_s, force_N, color=ESTIMATE, lw=1, label="estimated")
-    axes.set(xlabel="time [s]", ylabel="normal force [N]")
-    axes.legend(loc="upper right")
-    axes.grid(alpha=0.3)
-    return figure
-
-
 def colour(k: int) -> str:
     """The colour of the k-th of some things."""
     return f"C{k % 10}"
 
 
-def measured_and_modelled(
-    axes: "Axes",
-    time_s: Float[np.ndarray, " n"],
-    measured: Float[np.ndarray, "n k"],
-    misfit: Float[np.ndarray, "n k"],
-    names: Sequence[str],
-) -> None:
-    """Draw k measured readings over time as wide pale lines, those of the model as thin ones."""
-    for k, name in enumerate(names):
-        axes.plot(time_s, measured[:, k], lw=2.5, alpha=0.4, color=colour(k), label=name)
-        axes.plot(time_s, measured[:, k] - misfit[:, k], lw=1, color=colour(k))
-    axes.set(title="wide: measured, thin: model")
-
-
-def volumes_over_time(
-    time_s: Float[np.ndarray, " n"],
-    measured_mm3: Float[np.ndarray, "n k"],
-    misfit_mm3: Float[np.ndarray, "n k"],
-    names: Sequence[str],
-) -> "Figure":
-    """Measured volume changes over time and what the model with the estimated force makes of them."""
-    figure = blank(9, 3.2)
-    axes = figure.subplots()
-    measured_and_modelled(axes, time_s, measured_mm3, misfit_mm3, [f"cavity {name}" for name in names])
-    axes.set(xlabel="time [s]", ylabel="volume change [mm³]")
-    axes.legend(loc="lower right", ncols=2, fontsize="small")
-    axes.grid(alpha=0.3)
+def over_time(time_s: Float[np.ndarray, " n"], panels: Sequence[Panel], beneath: str = "true") -> "Figure":
+    """Panels one below the other; `beneath`: what their wide lines are."""
+    figure = blank(9, 1.0 + 2.2 * len(panels))
+    every = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, panel in zip(every, panels, strict=True):
+        for k, name in enumerate(panel.names):
+            if panel.beneath is not None:
+                axes.plot(time_s, panel.beneath[:, k], lw=2.8, alpha=0.4, color=colour(k))
+            axes.plot(time_s, panel.estimated[:, k], ".-", lw=1, ms=1.5, color=colour(k), label=name)
+        axes.set(ylabel=panel.label)
+        axes.grid(alpha=0.3)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")
+    if any(panel.beneath is not None for panel in panels):
+        every[0].set(title=f"wide: {beneath}, thin: estimated")
+    every[-1].set(xlabel="time [s]")
     return figure
 
 
 def drift_over_time(
     time_s: Float[np.ndarray, " n"],
-    drift_mm3: Float[np.ndarray, "n k"],
-    sigma_mm3: Float[np.ndarray, "n k"],
+    drift: Float[np.ndarray, "n k"],
+    sigma: Float[np.ndarray, "n k"],
     names: Sequence[str],
+    unit: str,
 ) -> "Figure":
-    """What k volumes drift by over time, with bands that hold 90 %."""
-    figure = blank(9, 2.8)
-    axes = figure.subplots()
-    for k, name in enumerate(names):
-        axes.plot(time_s, drift_mm3[:, k], lw=1, color=colour(k), label=f"cavity {name}")
-        low, high = (drift_mm3[:, k] + side * NINETY * sigma_mm3[:, k] for side in (-1, 1))
+    """What k readings drift by over time, in a unit, with bands that hold 90 %."""
+    figure = over_time(time_s, [Panel(f"drift [{unit}]", names, drift)])
+    axes = figure.axes[0]
+    for k in range(len(names)):
+        low, high = (drift[:, k] + side * NINETY * sigma[:, k] for side in (-1, 1))
         axes.fill_between(time_s, low, high, color=colour(k), alpha=0.2, lw=0)
-    axes.set(xlabel="time [s]", ylabel="drift [mm³]")
-    axes.legend(loc="lower left", ncols=2, fontsize="small")
-    axes.grid(alpha=0.3)
     return figure
 
 
@@ -107,23 +90,17 @@ def location_map(
         axes.plot(*location_mm.T, ".", ms=2, alpha=0.25, color=ESTIMATE, label="every frame")
     if samples is not None:
         true, found = 1e3 * samples.true_location_m, 1e3 * samples.location_m
-        axes.plot(*true.T, "+", color=TRUTH, ms=11, label="true")
-        axes.plot(*found.T, ".", color="tab:red", ms=4, label="estimated")
+        axes.plot(*true[:, :2].T, "+", color=TRUTH, ms=11, label="true")
+        axes.plot(*found[:, :2].T, ".", color="tab:red", ms=4, label="estimated")
         for a, b in zip(true, found, strict=True):
             axes.plot([a[0], b[0]], [a[1], b[1]], color="tab:red", lw=0.8)
-        turn = np.linspace(0, 2 * np.pi, 100)
-        radius = 1e3 * WORKSPACE_CIRCLE_M
-        axes.plot(radius * np.cos(turn), radius * np.sin(turn), ":", color="0.5", lw=1)
     axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     figure.legend(loc="outside upper center", ncols=3, fontsize="small")
     return figure
 
 
-def force_agreement(samples: Samples, workspace_mm: Float[np.ndarray, "2 2"]) -> "Figure":
-    """Estimated over true force, and the relative error at each true location (paper, Fig. 10).
-
-    `workspace_mm` (2, 2): low and high ends of x and y between which contacts may be.
-    """
+def force_agreement(samples: Samples) -> "Figure":
+    """Estimated over true force, and the relative error at each true location (paper, Fig. 10)."""
     figure = blank(9, 4)
     left, right = figure.subplots(1, 2, width_ratios=(1, 1.15))
     top = 1.1 * np.nanmax([samples.true_force_N, samples.force_N])
@@ -147,18 +124,61 @@ def force_agreement(samples: Samples, workspace_mm: Float[np.ndarray, "2 2"]) ->
         linewidths=0.3,
     )
     figure.colorbar(dots, ax=right, label="force error [%]")
-    margin = 3.0
-    (x0, y0), (x1, y1) = workspace_mm + np.array([[-margin], [margin]])
     right.set(xlabel="x [mm] (levels side by side)", ylabel="y [mm]", aspect="equal")
-    right.set(xlim=(x0, x1), ylim=(y0, y1))
     return figure
 
 
-def electrode_image(image: Float[np.ndarray, "c r"], x_mm: np.ndarray, y_mm: np.ndarray) -> "Figure":
-    """The capacitive image s_col ⊗ s_row, at most 1, over the lines' positions [mm]."""
+def points_over_depth(
+    press: Int[np.ndarray, " s"],
+    depth: Float[np.ndarray, " s"],
+    pulled: Bool[np.ndarray, " s"],
+    moved_mm: Float[np.ndarray, "s p 3"],
+    true_mm: Float[np.ndarray, "s p 3"],
+    names: Sequence[str],
+    depth_name: str,
+) -> "Figure":
+    """How far p points have moved at the samples (s,) of each push: true lines, estimated dots; with and
+    without a pulled cable (paper, Fig. 12).
+    """
+    figure = blank(2.6 * max(len(names), 2) + 0.8, 6.6)
+    grid = figure.subplots(3, len(names), sharex=True, squeeze=False)
+    markers = "osD^v<>p"
+    for j, push in enumerate(np.unique(press)):
+        rows = press == push
+        cable = bool(pulled[rows].any())
+        marker = markers[j % len(markers)]
+        label = f"push {push}, {'with' if cable else 'without'} cable"
+        for k, name in enumerate(names):
+            for axis in range(3):
+                axes, line = grid[axis, k], "--" if cable else "-"
+                true, found = true_mm[rows, k, axis], moved_mm[rows, k, axis]
+                axes.plot(depth[rows], true, line, lw=1.5, color=colour(j))
+                axes.plot(depth[rows], found, marker, ms=5, mfc="none", color=colour(j), label=label)
+                axes.set(title=name if axis == 0 else None, xlabel=depth_name if axis == 2 else None)
+                axes.set(ylabel=f"moved along {'xyz'[axis]} [mm]" if k == 0 else None)
+    for axes in grid.ravel():
+        axes.grid(alpha=0.3)
+    handles, labels = grid[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize="small")
+    figure.suptitle("lines: true (dashed with cable), marks: estimated", fontsize="medium")
+    return figure
+
+
+def electrode_image(image: Image) -> "Figure":
+    """What electrodes see, over their largest signal; blue for shielding, red for coupling where both are."""
     figure = blank(4.2, 3.6)
     axes = figure.subplots()
-    shown = axes.pcolormesh(x_mm, y_mm, image.T / np.max(image), cmap="viridis", shading="nearest")
+    largest = np.max(np.abs(image.values)) or 1.0
+    signed = np.min(image.values) < -0.05 * largest
+    shown = axes.pcolormesh(
+        1e3 * image.x_m,
+        1e3 * image.y_m,
+        image.values / largest,
+        cmap="RdBu_r" if signed else "viridis",
+        vmin=-1.0 if signed else 0.0,
+        vmax=1.0,
+        shading="nearest",
+    )
     figure.colorbar(shown, ax=axes, label="signal / largest")
     axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     return figure

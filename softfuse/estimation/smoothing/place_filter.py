@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.fusion.normal import Change, Normal, Reading, Step
-from softfuse.fusion.process import Process
+from softfuse.estimation.smoothing.normal import Change, Normal, Reading, Step
+from softfuse.estimation.smoothing.process import Process
 
 _PLACE = slice(0, 2)
 _ANYWHERE_M = 1.0

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int
 
-from softfuse.experiment.figures import blank
+from softfuse.report.figures import blank
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from softfuse.fusion.place_filter import PlaceStep, begun, gone_on, place
-from softfuse.fusion.process import Process
+from softfuse.estimation.smoothing.place_filter import PlaceStep, begun, gone_on, place
+from softfuse.estimation.smoothing.process import Process
 
 PROCESS = Process()
 SIGMA = np.full(2, 1e-4)

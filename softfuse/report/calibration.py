@@ -7,19 +7,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from softfuse.calibration.adjustment import Measure
 from softfuse.calibration.array_pose import PoseFit
 from softfuse.calibration.electrode_baseline import Untouched
 from softfuse.calibration.electrode_gains import GainFit
 from softfuse.calibration.fit import Fit
+from softfuse.calibration.of_robot import Fitted
 from softfuse.calibration.posterior import AbstractPosterior
-from softfuse.cli.device_calibration import Electrodes, Felt, Quantity
 from softfuse.experiment.accuracy import NINETY
-from softfuse.experiment.calibration_figures import misfits, usefulness
-from softfuse.experiment.report import page, picture, table
-from softfuse.robot.file import RobotSettings
+from softfuse.report.calibration_figures import misfits, usefulness
+from softfuse.report.certainty import Electrodes
+from softfuse.report.columns import Unit, unit_of
+from softfuse.report.page import page, picture, table
+from softfuse.report.presses import Felt
+from softfuse.robot.settings import RobotSettings
+from softfuse.sensors.crossed.settings import CrossedSettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,16 +64,37 @@ class Further:
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """A configuration, what its readings are, the presses it was fitted to, the fit, what was found of
-    crossed electrodes, and what may be pressed next.
+    """A robot as it was fitted, the presses it was fitted to, the fit, what was found of crossed electrodes,
+    and what may be pressed next.
     """
 
-    config: RobotSettings
-    quantity: Quantity
+    fitted: Fitted
     felt: Felt
     fit: Fit
     electrodes: Electrodes
     further: Further
+
+    @property
+    def sensors(self) -> list[tuple[str, Unit, Bool[np.ndarray, " k"]]]:
+        """Of each sensor that was fitted its name, the unit of its readings and which (k,) they are."""
+        names, units = list(self.fitted.robot.addresses.readings), self.fitted.robot.suite.units
+        return [
+            (names[kind], unit_of(units[self.fitted.readings[own][0]]), own)
+            for kind in np.unique(self.fitted.kind)
+            for own in [self.fitted.kind == kind]
+        ]
+
+    def off(self, on: Bool[np.ndarray, "s k"]) -> list[str]:
+        """By how much readings (s, k) are off before and after the fit, of each sensor."""
+        said = []
+        for name, unit, own in self.sensors:
+            which = on & own
+            if which.any():
+                before, after = (
+                    unit.factor * _rms(each[which]) for each in (self.fit.before, self.fit.after)
+                )
+                said.append(f"{name} off by {before:.3g} {unit.label} before, {after:.3g} after")
+        return said
 
     @property
     def rows(self) -> list[tuple[str, str, str, str]]:
@@ -80,11 +105,10 @@ class Calibrated:
 
 def tell(calibrated: Calibrated) -> Iterator[str]:
     """The lines that people read at once."""
-    fit, presses, of = calibrated.fit, calibrated.felt.presses, calibrated.quantity
-    before, after = (of.per_si * _rms(each[presses.told]) for each in (fit.before, fit.after))
-    off = f"{of.name} off by {before:.1f} {of.unit} before, {after:.1f} after"
+    fit, presses = calibrated.fit, calibrated.felt.presses
+    off = "; ".join(calibrated.off(presses.told))
     yield f"{len(presses.reading)} samples of {len(calibrated.felt.called)} presses: {off}"
-    yield f"the model may be wrong by {100 * fit.discrepancy.part:.1f} % of {of.name}"
+    yield f"the model may be wrong by {100 * fit.discrepancy.part:.1f} % of a reading"
     for name, value, width, told in calibrated.rows:
         yield f"{name}: {value} ± {width} (90 %), {told}"
     electrodes = calibrated.electrodes
@@ -97,19 +121,18 @@ def tell(calibrated: Calibrated) -> Iterator[str]:
     for a, b, correlation in _inseparable(fit):
         yield f"{a} and {b} cannot be told apart (correlated {correlation:+.2f})"
     for k, press, weight in _doubtful(calibrated):
-        yield f"cavity {k} in press {press} is not explained and counts {100 * weight:.0f} % only"
+        yield f"{k} in press {press} is not explained and counts {100 * weight:.0f} % only"
     yield _next(calibrated.further)
 
 
 def write_report(path: Path, calibrated: Calibrated) -> None:
     """Write the report, one HTML file."""
-    fit, presses, of = calibrated.fit, calibrated.felt.presses, calibrated.quantity
+    fit, presses = calibrated.fit, calibrated.felt.presses
     pairs = [(a, b, f"{correlation:+.2f}") for a, b, correlation in _inseparable(fit)]
     by_press = []
     for number, called in calibrated.felt.called.items():
         on = (presses.applied.press == number)[:, None] & presses.told
-        rms = [f"{of.per_si * _rms(each[on]):.1f}" for each in (fit.before, fit.after)]
-        by_press.append((called, calibrated.felt.at[number], *rms))
+        by_press.append((called, calibrated.felt.at[number], "; ".join(calibrated.off(on))))
     doubtful = [(press, k, f"{weight:.2f}") for k, press, weight in _doubtful(calibrated)]
     head = ("parameter", "fitted", "± 90 %", "what the presses tell")
     sections = [
@@ -134,11 +157,14 @@ def write_report(path: Path, calibrated: Calibrated) -> None:
         ),
         (
             "Misfits",
-            table(("press", "at", f"before [{of.unit}]", f"after [{of.unit}]"), by_press)
-            + picture(
-                _misfits(calibrated),
-                f"Measured minus modelled {of.name} over measured ones, before and after the fit; before: as "
-                "configured, but for layers and cables of typical compliance where none is configured.",
+            table(("press", "at", "readings"), by_press)
+            + "".join(
+                picture(
+                    _misfits(calibrated, sensor),
+                    f"{sensor[0]}: measured minus modelled readings over measured ones, before and after the "
+                    "fit; before: as configured, but for layers and cables of typical compliance where none is configured.",
+                )
+                for sensor in calibrated.sensors
             ),
         ),
     ]
@@ -148,9 +174,11 @@ def write_report(path: Path, calibrated: Calibrated) -> None:
     if electrodes.gains is not None:
         sections.append(("Gains of electrodes", _paragraph(_relative(electrodes.gains))))
     if electrodes.untouched is not None:
-        sections.append(("Electrodes untouched", _untouched(calibrated.config, electrodes.untouched)))
+        sections.append(
+            ("Electrodes untouched", _untouched(calibrated.fitted.robot.settings, electrodes.untouched))
+        )
     if doubtful:
-        sections.append(("Readings that nothing explains", table(("press", "cavity", "weight"), doubtful)))
+        sections.append(("Readings that nothing explains", table(("press", "reading", "weight"), doubtful)))
     most = calibrated.further
     sections.append(
         (
@@ -158,16 +186,16 @@ def write_report(path: Path, calibrated: Calibrated) -> None:
             _paragraph(_next(most)) + _map(most),
         )
     )
-    path.write_text(page(f"{calibrated.config.device.name}: calibration", sections), encoding="utf-8")
+    path.write_text(page(f"{calibrated.fitted.robot.name}: calibration", sections), encoding="utf-8")
 
 
-def _misfits(calibrated: Calibrated) -> "Figure":
-    fit, of = calibrated.fit, calibrated.quantity
-    names = [cavity.name for cavity in calibrated.config.cavities]
+def _misfits(calibrated: Calibrated, sensor: tuple[str, Unit, Bool[np.ndarray, " k"]]) -> "Figure":
+    fit, (_, unit, own) = calibrated.fit, sensor
+    names = [name for name, on in zip(calibrated.fitted.names, own, strict=True) if on]
     reading, before, after = (
-        of.per_si * each for each in (calibrated.felt.presses.reading, fit.before, fit.after)
+        unit.factor * each[:, own] for each in (calibrated.felt.presses.reading, fit.before, fit.after)
     )
-    return misfits(reading, before, after, names, of.unit)
+    return misfits(reading, before, after, names, unit.label)
 
 
 def _map(further: Further) -> str:
@@ -205,8 +233,7 @@ def _at_rest(found: Untouched) -> str:
 
 
 def _untouched(config: RobotSettings, found: Untouched) -> str:
-    assert config.sensors is not None  # they were read
-    lines = config.sensors.capacitive.lines
+    lines = config.sensors_of(CrossedSettings)[0].channels
     rows = [
         (line, f"{counts:.1f}", f"{sigma:.1f}")
         for line, counts, sigma in zip(lines, found.counts, found.sigma, strict=True)
@@ -237,7 +264,7 @@ def _inseparable(fit: Fit) -> list[tuple[str, str, float]]:
 
 
 def _doubtful(calibrated: Calibrated) -> list[tuple[str, str, float]]:
-    """Cavity, press and weight of the readings that count little."""
+    """Reading, press and weight of those that count little."""
     fit, presses = calibrated.fit, calibrated.felt.presses
     full = np.max(fit.weight)
     found = []
@@ -246,7 +273,7 @@ def _doubtful(calibrated: Calibrated) -> list[tuple[str, str, float]]:
         weight = np.max(fit.weight[on], axis=0) / full
         told = np.any(presses.told[on], axis=0)
         for k in np.flatnonzero(told & (weight < _OFF)):
-            found.append((calibrated.config.cavities[k].name, called, float(weight[k])))
+            found.append((calibrated.fitted.names[k], called, float(weight[k])))
     return found
 
 

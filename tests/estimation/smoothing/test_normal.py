@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softfuse.fusion.normal import Change, Normal, Reading, Step, smoothed
+from softfuse.estimation.smoothing.normal import Change, Normal, Reading, Step, smoothed
 
 SIZE, FRAMES = 3, 12
 

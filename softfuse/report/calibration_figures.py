@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.experiment.figures import blank, colour
+from softfuse.report.figures import blank, colour
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

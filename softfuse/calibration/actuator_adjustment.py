@@ -1,7 +1,6 @@
-"""What a calibration may change of what is attached to a device: cables, and gas sealed in its cavities.
+"""What a calibration may change of actuators: cables, and gas sealed in chambers.
 
-A device is fitted with its cables shortened by what was measured, whatever tension that takes: its attached
-loads are the cables, then the gas.
+A robot is fitted with its cables shortened by what was measured, whatever tension that takes.
 """
 
 from collections.abc import Sequence
@@ -10,7 +9,8 @@ from typing import ClassVar, Self
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import numpy as np
+from jaxtyping import Array, Float, Int
 
 from softfuse.calibration.adjustment import AbstractAdjustment, Measure
 from softfuse.mechanics.cable import ShortenedCable
@@ -28,16 +28,22 @@ class CableZeros(AbstractAdjustment):
 
     measure: ClassVar[Measure] = Measure.length
     sigma: Float[Array, " b"]
-    names: tuple[str, ...] = eqx.field(static=True)
+    number: Int[Array, " b"]
+    cables: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """After the cables."""
+        return tuple(f"{name} zero" for name in self.cables)
 
     @classmethod
-    def of(cls, cables: Sequence[str], sigma: float) -> Self:
-        """Of all cables, the first drives of what is attached, with a prior standard deviation [m]."""
-        return cls(jnp.full(len(cables), sigma), tuple(f"{name} zero" for name in cables))
+    def of(cls, cables: Sequence[str], number: Int[np.ndarray, " b"], sigma: float) -> Self:
+        """Of cables with numbers (b,) among the actuators' drives, with a prior standard deviation [m]."""
+        return cls(jnp.full(len(cables), sigma), jnp.asarray(number), tuple(cables))
 
     def prescribed(self, drive, value):
         """Lengths by which cables are shorter than where they get taut."""
-        return drive.at[: len(self.names)].add(-value)
+        return drive.at[self.number].add(-value)
 
 
 class CableCompliances(AbstractAdjustment):
@@ -70,14 +76,27 @@ class DeadVolumes(AbstractAdjustment):
     """θ (k,): the dead volume of each cavity times exp θ."""
 
     sigma: Float[Array, " k"]
-    names: tuple[str, ...] = eqx.field(static=True)
+    chambers: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """After the chambers."""
+        return tuple(f"{name} dead volume" for name in self.chambers)
 
     @classmethod
-    def of(cls, cavities: Sequence[str], sigma: float) -> Self:
-        """Of the gas in all cavities, with a prior standard deviation [-]."""
-        return cls(jnp.full(len(cavities), sigma), tuple(f"{name} dead volume" for name in cavities))
+    def of(cls, chambers: Sequence[str], sigma: float) -> Self:
+        """Of the gas in all sealed chambers, in the order of their drives, with a prior standard deviation
+        [-].
+        """
+        return cls(jnp.full(len(chambers), sigma), tuple(chambers))
 
     def adjusted(self, device, value):
-        """The device with more or less gas behind its cavities."""
-        factor = jnp.exp(value)
-        return with_actuators(device, SealedGas, lambda gas: replace(gas, dead=gas.dead * factor))
+        """The model with more or less gas behind its chambers."""
+        left = jnp.exp(value)
+
+        def filled(gas: SealedGas) -> SealedGas:
+            nonlocal left
+            own, left = jnp.split(left, [gas.dead.shape[0]])
+            return replace(gas, dead=gas.dead * own)
+
+        return with_actuators(device, SealedGas, filled)

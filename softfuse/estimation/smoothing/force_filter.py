@@ -1,6 +1,6 @@
 """Forces and sensors' drift from one frame to the next.
 
-State x = (u, p, b, m, δ): drives u (D,), places p (P,), x and y of each contact, by how much what sees these
+State x = (u, p, b, m, δ): drives u (D,), places p (P,) along the tangents of each contact, by how much what sees these
 is off b (P,), what the model misses of each of k readings m (k,), and what each sensor drifts by, δ (3,), see
 `sensors.reading_drift`. A frame, and what sees contacts at p̂, say
 
@@ -24,8 +24,8 @@ from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 
 from softfuse.estimation.tracked import Evidence
-from softfuse.fusion.normal import Change, Normal, Reading, Step
-from softfuse.fusion.process import Process
+from softfuse.estimation.smoothing.normal import Change, Normal, Reading, Step
+from softfuse.estimation.smoothing.process import Process
 from softfuse.sensors.reading_drift import DriftModel
 
 _UNIT_V = 1e-3
@@ -36,6 +36,9 @@ _SHORTEST_S = 1e-3
 
 _ANY = 100.0
 """Of a range: standard deviation of drives that may be anything, as good as infinite."""
+
+_UNITS = 10.0
+"""In the state, of the range of an actuator's drive."""
 
 _UNIT_M = 1e-4
 """Of places in the state."""
@@ -61,7 +64,7 @@ class ForceStep(NamedTuple):
 
 
 class ForceFilter:
-    """Joins the frames of a touch, of c contacts and k readings."""
+    """Filters the frames of a touch, of c contacts and k readings, some of which drift."""
 
     def __init__(
         self,
@@ -75,19 +78,25 @@ class ForceFilter:
         """
         self.process, self._drift, self._adding = process, drift, adding
         self._effect = np.asarray(drift.effect) * _UNIT_V
-        self._range, self.readings, self.contacts = range_, len(self._effect), len(adding)
+        self.drifting = self._effect != 0
+        self.readings, self.contacts = len(self._effect), len(adding)
         self._drives, self._forces = len(range_), adding.shape[1]
+        self._drive_unit = np.where(np.arange(self._drives) < self._forces, 1.0, range_ / _UNITS)
+        self._drive_unit[self._drive_unit == 0] = 1.0
+        self._range = range_ / self._drive_unit
         numbers = 2 * self.contacts, 2 * self.contacts, self.readings, 3 * self.readings
         ends = self._drives + np.cumsum([0, *numbers])
         self._places, self._off, self._missed, self._drifts = map(slice, ends[:-1], ends[1:])
         self._size, self._lasting = int(ends[-1]), slice(self._off.start, None)
-        self._any = _ANY * range_
+        self._any = _ANY * self._range
         self._unit = np.abs(self._effect)
         self._integral = self._drifts.start + 2 + 3 * np.arange(self.readings)
         drift.step(_SHORTEST_S, _SHORTEST_S)  # compiled here, not while the first contact waits for it
 
     def begun(self, evidence: Evidence) -> ForceStep:
         """Before the first frame, which says this: nothing presses."""
+        # Of the model's error in readings that do not drift.
+        self._unit = np.where(self.drifting, np.abs(self._effect), _positive(evidence.sigma))
         covariance = np.zeros((self._size, self._size))
         for at, own in zip(self._integral, np.asarray(evidence.drift.covariance), strict=True):
             covariance[at - 2 : at + 1, at - 2 : at + 1] = own / _UNIT_V**2
@@ -128,10 +137,11 @@ class ForceFilter:
                     outlier = self._outlier(known, free, anew, acting)
             if moved:
                 change, reading, since = free, anew, evidence
-            if outlier.any():
-                change = self._jumped(outlier, known, change, reading)
+            if np.any(outlier & self.drifting):
+                change = self._jumped(outlier & self.drifting, known, change, reading)
+            reading.value[: self.readings][outlier & ~self.drifting] = np.nan
         later = known.gone_on(change)
-        told = later.updated(_heard(reading), considered=self._lasting if moved else slice(0))
+        told = later.updated(_known(reading), considered=self._lasting if moved else slice(0))
         return ForceStep(Step(change, later, told), outlier, since, acting, moved)
 
     def unknown(self, before: ForceStep, dt_s: float) -> ForceStep:
@@ -167,10 +177,14 @@ class ForceFilter:
         covariance = self._adding @ known.covariance[forces, forces] @ self._adding.T
         return np.maximum(mean, 0.0), covariance
 
+    def contacts_of(self, acting: Bool[np.ndarray, " D"]) -> Bool[np.ndarray, " c"]:
+        """Contacts (c,) of which a drive acts."""
+        return self._adding @ acting[: self._forces] > 0
+
     def drift(self, known: Normal) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
         """What readings (k,) are off by, in SI, and the standard deviations of that."""
         variance = np.maximum(np.diag(known.covariance)[self._integral], 0.0)
-        return self._effect * known.mean[self._integral], self._unit * np.sqrt(variance)
+        return self._effect * known.mean[self._integral], np.abs(self._effect) * np.sqrt(variance)
 
     def _contradicted(self, anchor: ForceStep, since_s: float, evidence: Evidence) -> bool:
         """Whether forces cannot have been still for so long [s]."""
@@ -179,7 +193,7 @@ class ForceFilter:
 
     def _surprising(self, known: Normal, change: Change, reading: Reading) -> bool:
         """Whether readings contradict a change."""
-        reading = _heard(reading)
+        reading = _known(reading)
         numbers = len(reading.value)
         surprise = known.gone_on(change).surprise(reading)
         return numbers > 0 and self.process.surprising(surprise, numbers)
@@ -206,7 +220,7 @@ class ForceFilter:
         walk = np.array(self._range)
         walk[: self._forces] = self.process.still_N
         transition, noise = self._changed(dt_s, _period(evidence), evidence.acting, np.sqrt(dt_s) * walk)
-        size = np.abs(evidence.compliance @ evidence.drive) / self._unit
+        size = np.abs(evidence.compliance @ _free(evidence)) / self._unit
         noise[self._missed, self._missed] = np.diag(size**2) * self.process.wander**2 * dt_s
         noise[self._places, self._places] = (
             np.eye(2 * self.contacts) * (self.process.still_m / _UNIT_M) ** 2 * dt_s
@@ -233,7 +247,7 @@ class ForceFilter:
 
     def _kept(self, evidence: Evidence, since: Evidence) -> float:
         """How much [-] the errors of model and places have to do with those since when forces moved last."""
-        sizes = [np.linalg.norm(each.compliance @ each.drive) for each in (evidence, since)]
+        sizes = [np.linalg.norm(each.compliance @ _free(each)) for each in (evidence, since)]
         if min(sizes) <= 0:
             return 0.0
         gone = np.linalg.norm(np.nan_to_num(evidence.seen_m - since.seen_m))
@@ -241,7 +255,7 @@ class ForceFilter:
 
     def _model_root(self, evidence: Evidence) -> Float[np.ndarray, "k k"]:
         """L of the covariance L Lᵀ of the model's error, which is never nothing."""
-        least = np.diag((_CERTAIN * self._drift.white(_period(evidence)) / self._unit) ** 2)
+        least = np.diag((_CERTAIN * self._white(evidence) / self._unit) ** 2)
         return np.linalg.cholesky(evidence.model / np.outer(self._unit, self._unit) + least)
 
     def _off_root(self, evidence: Evidence) -> Float[np.ndarray, "P P"]:
@@ -259,16 +273,21 @@ class ForceFilter:
         by_drive, by_place = since.compliance, since.by_place
         k, places = self.readings, 2 * self.contacts
         rows = np.zeros((k + places, self._size))
-        rows[:k, : self._drives] = by_drive
+        rows[:k, : self._drives] = by_drive * self._drive_unit
         rows[:k, self._missed] = np.diag(self._unit)
         rows[:k, self._places] = by_place * _UNIT_M
         rows[np.arange(k), self._integral] = self._effect
         rows[k:, self._places] = rows[k:, self._off] = np.eye(places)
-        size = by_drive @ evidence.drive
+        size = by_drive @ _free(evidence)
         value = np.append(evidence.misfit + size + by_place @ evidence.place_m, evidence.seen_m / _UNIT_M)
-        white = np.hypot(self._drift.white(_period(evidence)), self.process.least * size)
+        white = np.hypot(self._white(evidence), self.process.least * size)
         seen = np.sqrt(self.process.white) * evidence.seen_sigma_m / _UNIT_M
         return Reading(value, rows, np.append(white, seen))
+
+    def _white(self, evidence: Evidence) -> Float[np.ndarray, " k"]:
+        """Standard deviations (k,) of what is only in this frame's readings."""
+        white = self._drift.white(_period(evidence))
+        return np.where(self.drifting, white, _positive(evidence.sigma))
 
     def _outlier(
         self,
@@ -301,7 +320,7 @@ class ForceFilter:
     ) -> Change:
         """A change in which an outlier's integral has jumped, by what the others do not explain of it."""
         others = ~np.append(outlier, np.zeros(len(reading.value) - self.readings, bool))
-        told = known.gone_on(change).updated(_heard(reading.only(others)))
+        told = known.gone_on(change).updated(_known(reading.only(others)))
         off = (reading.value - reading.rows @ told.mean)[: self.readings][outlier]
         noise, at = change.noise.copy(), self._integral[outlier]
         noise[at, at] += (off / self._effect[outlier]) ** 2
@@ -313,6 +332,16 @@ def _period(evidence: Evidence) -> float:
     return max(float(evidence.drift.period_s), _SHORTEST_S)
 
 
-def _heard(reading: Reading) -> Reading:
+def _free(evidence: Evidence) -> Float[np.ndarray, " D"]:
+    """The drives (D,) without those that are known."""
+    return np.where(evidence.acting, evidence.drive, 0.0)
+
+
+def _positive(sigma: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """Standard deviations (k,), where one is unknown as of a reading of unit size."""
+    return np.where(np.isfinite(sigma) & (sigma > 0), sigma, 1.0)
+
+
+def _known(reading: Reading) -> Reading:
     """Those numbers that are known."""
     return reading.only(np.isfinite(reading.value) & np.isfinite(reading.sigma))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.experiment.figures import blank
+from softfuse.report.figures import blank
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

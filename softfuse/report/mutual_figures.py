@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.experiment.figures import blank
 from softfuse.experiment.virtual_mutual import MutualBed
+from softfuse.report.figures import blank
 from softfuse.sensors.mutual.field import Thing
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from tabulate import tabulate
 
 from softfuse.experiment.accuracy import Spread
-from softfuse.experiment.report import table
+from softfuse.report.page import table
 
 UNKNOWN = "–"
 """Stands where a figure is not known."""

@@ -1,0 +1,293 @@
+"""What recordings hold of presses of known place and force: what was done to a robot, and what its sensors
+said.
+"""
+
+import re
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from softfuse.calibration.of_robot import Fitted
+from softfuse.calibration.presses import Applied, Presses
+from softfuse.errors import RecordingError, SoftfuseError
+from softfuse.estimation.compiled_suite import CompiledSuite
+from softfuse.experiment.contact_accuracy import NOWHERE
+from softfuse.functional.chart import facing
+from softfuse.hardware.recording import Recording
+from softfuse.mechanics.cable import ShortenedCable
+from softfuse.report.columns import Columns
+from softfuse.report.truth import Truth
+from softfuse.robot.contacts import DiscSettings
+from softfuse.robot.robot import Robot
+from softfuse.robot.settings import RobotSettings
+from softfuse.sensors.cable_length import CableLengthSettings
+from softfuse.sensors.pressure.sensor import PressureSettings
+from softfuse.sensors.suite import Observation, SensorSuite
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """Presses, and what was observed at each of their samples (s,); of each press what people call it and
+    where it is; and the recordings (r,) with what was observed in all their frames up to the last sample.
+    """
+
+    presses: Presses
+    observed: tuple[Observation, ...]
+    called: dict[int, str]
+    at: dict[int, str]
+    recordings: tuple[tuple[Recording, tuple[Observation, ...]], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What a recording knows of c contacts in n frames: forces (n, c) [N], places (n, c, 3, 3), which frames
+    (s,) are samples at which all is known, and the number of the press (n,).
+    """
+
+    force_N: Float[np.ndarray, "n c"]
+    place: Float[np.ndarray, "n c 3 3"]
+    samples: Int[np.ndarray, " s"]
+    press: Int[np.ndarray, " n"]
+
+    @classmethod
+    def of(cls, robot: Robot, recording: Recording) -> "Known":
+        """What a recording knows of presses on a robot.
+
+        Raises RecordingError when it knows of none.
+        """
+        truth = Truth.of(recording, Columns(robot))
+        n = len(recording.time_s)
+        if truth.place.shape[1]:
+            force, place, known = _on_places(robot, truth)
+        else:
+            force, place, known = _anywhere(robot, truth)
+        samples = np.flatnonzero(known & (truth.level > 0))
+        if not samples.size:
+            raise RecordingError(
+                f"the recording {recording.path} has no samples with known force: calibration needs the "
+                "columns sample (1, 2, ... where all is held), and true_x_mm, true_y_mm (and true_z_mm) with "
+                "true_force_N, or true_force0_N and true_contact0_electrode of each contact"
+            )
+        has = "press" in recording.columns and np.isfinite(recording.columns["press"])
+        press = np.where(has, truth.press, -1 - np.arange(n)).astype(int)
+        return cls(force, place, samples, press)
+
+
+def _on_places(robot: Robot, truth: Truth) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, " n"]]:
+    """Of contacts on places that have a name."""
+    force, place = truth.contact_N, truth.place
+    table = np.array(list(robot.settings.places.values()))
+    there = (place >= 0) & (place < len(table))
+    known = np.isfinite(force) & (there | (force <= 0))
+    # Of further contacts an empty row says that there are none.
+    known[:, 1:] |= ~np.isfinite(force[:, 1:]) & (place[:, 1:] == NOWHERE)
+    # What a force sensor reads below 0 is its noise.
+    return np.maximum(np.nan_to_num(force), 0.0), table[np.where(there, place, 0)], known.all(axis=1)
+
+
+def _anywhere(robot: Robot, truth: Truth) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, " n"]]:
+    """Of one contact at a point of the surface."""
+    force = truth.get("force_N")
+    point = 1e-3 * np.stack([truth.get(f"{axis}_mm") for axis in "xyz"], axis=1)
+    contact, workspace = robot.settings.contacts[0], robot.workspaces[0]
+    if isinstance(contact, DiscSettings):
+        # Seen along its direction, a point is where it is whatever its height.
+        point[:, 2] = np.where(np.isfinite(point[:, 2]), point[:, 2], 0.0)
+    known = np.isfinite(force) & (force > 0) & np.isfinite(point).all(axis=1)
+    place = facing(np.nan_to_num(point), getattr(contact, "direction", (0.0, 0.0, -1.0)))
+    if not isinstance(contact, DiscSettings) and workspace is not None and known.any():
+        place[known] = workspace.landed(place[known])
+    return np.nan_to_num(force)[:, None], place[:, None], known
+
+
+def chosen(known: Known, recording: Recording, presses: str | None) -> Int[np.ndarray, " s"]:
+    """The samples (s,) of a recording, all or those of presses in a list such as "0-4,7".
+
+    Raises RecordingError when there are none, SoftfuseError for another list.
+    """
+    if presses is None:
+        return known.samples
+    at = known.samples[np.isin(known.press[known.samples], list(parse_presses(presses)))]
+    if not at.size:
+        raise RecordingError(f"the recording {recording.path} has no samples in the presses {presses}")
+    return at
+
+
+def parse_presses(text: str) -> set[int]:
+    """The numbers in a list such as "0-4,7"; raises SoftfuseError when it is something else."""
+    wanted: set[int] = set()
+    for part in text.split(","):
+        ends = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
+        if ends is None:
+            raise SoftfuseError(f'--presses "{text}" is no list of numbers: give one such as 0-4 or 0,2,5-7')
+        first = int(ends[1])
+        wanted |= set(range(first, int(ends[2] or first) + 1))
+    return wanted
+
+
+def of_noise_alone(settings: RobotSettings) -> RobotSettings:
+    """The settings of sensors whose standard deviations are those of noise alone."""
+    sensors = tuple(
+        sensor.model_copy(update={"model_error": 0.0}) if hasattr(sensor, "model_error") else sensor
+        for sensor in settings.sensors
+    )
+    return settings.model_copy(update={"sensors": sensors})
+
+
+def felt_presses(
+    fitted: Fitted,
+    recordings: Sequence[Recording],
+    presses: str | None,
+    *,
+    seen: Callable[[], None] = lambda: None,
+) -> Felt:
+    """The samples of all recordings, all or those of presses in a list; the presses of different recordings
+    are different. `seen` is called after each frame.
+
+    Raises RecordingError as `Known.of` and `chosen` do.
+    """
+    robot = fitted.robot
+    known = [Known.of(robot, recording) for recording in recordings]
+    contacts = max(each.force_N.shape[1] for each in known)
+    parts, called = list[Presses](), dict[int, str]()
+    samples, read = list[Observation](), list[tuple[Recording, tuple[Observation, ...]]]()
+    suite = SensorSuite.of(of_noise_alone(robot.settings).sensors, robot.parts)
+    with ThreadPoolExecutor(1) as aside:
+        compiled = CompiledSuite(suite, aside)
+        for each, recording in zip(known, recordings, strict=True):
+            at = chosen(each, recording, presses)
+            raw = recording.matrix(list(suite.channels))
+            compiled.reset()
+            observed = []
+            for time_s, row in zip(recording.time_s[: at.max() + 1], raw, strict=False):
+                observed.append(compiled.update(float(time_s), row).observation)
+                seen()
+            read.append((recording, tuple(observed)))
+            found = [observed[i] for i in at]
+            samples += found
+            part = _presses(fitted, recording, each, at, found, contacts)
+            names, number = np.unique(part.applied.press, return_inverse=True)
+            where = f" of {recording.path.name}" if len(recordings) > 1 else ""
+            parts.append(replace(part, applied=replace(part.applied, press=number + len(called))))
+            called |= {
+                k + len(called): f"{name if name >= 0 else 'without number'}{where}"
+                for k, name in enumerate(names)
+            }
+    whole = {
+        each.name: np.concatenate([getattr(part.applied, each.name) for part in parts])
+        for each in fields(Applied)
+    }
+    readings, sigmas = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("reading", "sigma")
+    )
+    together = Presses(Applied(**whole), readings, sigmas, fitted.kind)
+    at = {press: press_at(fitted, together.applied, press) for press in called}
+    return Felt(together, tuple(samples), called, at, tuple(read))
+
+
+def _presses(
+    fitted: Fitted,
+    recording: Recording,
+    known: Known,
+    at: Int[np.ndarray, " s"],
+    observed: Sequence[Observation],
+    contacts: int,
+) -> Presses:
+    """Samples at frames (s,) of which so much was observed, under so many contacts, some of which may press
+    with nothing.
+    """
+    reading, sigma, valid = (
+        np.array([getattr(each, name) for each in observed]) for name in ("reading", "sigma", "valid")
+    )
+    more = contacts - known.force_N.shape[1]
+    force = np.pad(known.force_N[at], ((0, 0), (0, more)))
+    place = known.place[at]
+    place = np.concatenate([place, np.repeat(place[:, :1], more, axis=1)], axis=1)
+    prescribed, usable = _prescribed(fitted, recording, at, reading, valid)
+    own = fitted.readings
+    told = valid[:, own] & usable[:, None]
+    if fitted.robot.suite.contact_sensors:
+        # What nothing is felt to touch has read nothing.
+        touched = np.array([each.touching.any() for each in observed])
+        told &= (touched | ~(force > 0).any(axis=1))[:, None]
+    return Presses(
+        Applied(place, force, prescribed, known.press[at]),
+        reading[:, own],
+        np.where(told, sigma[:, own], np.inf),
+        fitted.kind,
+    )
+
+
+def _prescribed(
+    fitted: Fitted,
+    recording: Recording,
+    at: Int[np.ndarray, " s"],
+    reading: Float[np.ndarray, "s k"],
+    valid: Bool[np.ndarray, "s k"],
+) -> tuple[Float[np.ndarray, "s a"], Bool[np.ndarray, " s"]]:
+    """What the actuators are driven with in samples, and in which of them that is known (s,)."""
+    robot, settings = fitted.robot, fitted.robot.settings
+    low, _ = robot.ranges
+    prescribed, known = np.tile(low, (len(at), 1)), np.ones(len(at), bool)
+    drives = robot.addresses.drives
+    for sensor in settings.sensors:
+        if isinstance(sensor, CableLengthSettings):
+            names = sensor.cables
+        elif isinstance(sensor, PressureSettings):
+            gas = {chamber.name: chamber.gas for chamber in settings.chambers}
+            names = tuple(name if gas[name] == "driven" else None for name in sensor.chambers)
+        else:
+            continue
+        own = robot.addresses.readings[sensor.name]
+        for number, name in zip(range(own.start, own.stop), names, strict=True):
+            if name is not None:
+                prescribed[:, drives[name]] = reading[:, number]
+                # Where nobody knows what an actuator does, nothing is known of the shape.
+                known &= valid[:, number]
+    for command in robot.commands:
+        given = recording.columns[command.channel][at] * command.factor
+        if command.of_answer and not isinstance(fitted.model.actuators[command.drive], ShortenedCable):
+            continue
+        prescribed[:, command.drive] = np.nan_to_num(given)
+        known &= np.isfinite(given)
+    return prescribed, known
+
+
+def press_at(fitted: Fitted, applied: Applied, press: int) -> str:
+    """Where a press is, as people read it: its places, and what its actuators do."""
+    settings = fitted.robot.settings
+    on = applied.press == press
+    words = []
+    for place, force in zip(applied.place[on].swapaxes(0, 1), applied.force_N[on].T, strict=True):
+        if np.any(force > 0):
+            words.append(place_name(settings, place[force > 0][0]))
+    said = [", ".join(words) or "no contact"] if settings.places else words or ["no contact"]
+    largest = applied.prescribed[on].max(axis=0) if applied.prescribed.shape[1] else np.zeros(0)
+    for cable, shortened in zip(settings.cables, fitted.shortened, strict=True):
+        value = largest[fitted.robot.addresses.drives[cable.name]]
+        # Adding 0 takes the sign off a 0.
+        said.append(
+            f"{cable.name} {np.round(1e3 * value, 1) + 0.0:.1f} mm"
+            if shortened
+            else f"{cable.name} {value:.2f} N"
+        )
+    for chamber in settings.chambers:
+        if chamber.gas == "driven":
+            said.append(
+                f"{chamber.name} {1e-3 * largest[fitted.robot.addresses.drives[chamber.name]]:.1f} kPa"
+            )
+    return "; ".join(said)
+
+
+def place_name(settings: RobotSettings, place: Float[np.ndarray, "3 3"]) -> str:
+    """The name of a place that has one, else its coordinates in mm."""
+    named = settings.places
+    for name, other in named.items():
+        if np.allclose(other[0], place[0], atol=1e-6):
+            return name
+    flat = settings.contacts and isinstance(settings.contacts[0], DiscSettings)
+    point = 1e3 * place[0][: 2 if flat else 3]
+    return f"({', '.join(f'{x:.1f}' for x in point)}) mm"

@@ -1,0 +1,159 @@
+"""The truth that a recording may hold about a robot: columns `true_<column of an estimate>`, and which frames
+count.
+
+A sample is a frame in which `sample` is positive, its number that of the level of force or depth; `press`
+counts presses. Where a contact truly is: `true_x_mm`, `true_y_mm`, perhaps `true_z_mm`, and `true_force_N`;
+of several `true_<contact><number>_x_mm` ... and `true_<contact><number>_place`, the name of a place such as
+an electrode, or its number; points `true_<point>_x_mm` ..., cables `true_<cable>_mm` and `true_<cable>_N`,
+chambers `true_<chamber>_Pa` and `true_<chamber>_mm3`; `true_depth_mm` of what presses. Contacts, cables and
+chambers that are only numbered are understood as well: `true_force0_N`, `true_contact0_electrode`,
+`true_cable_mm`, `true_cable0_N`, `true_pressure0_Pa`, `true_dV0_mm3`.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from softfuse.errors import RecordingError
+from softfuse.experiment.contact_accuracy import NOWHERE
+from softfuse.hardware.recording import Recording
+from softfuse.report.columns import Columns
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What is known of n frames.
+
+    `columns`: true values (n,) of columns of an estimate, NaN where a field is empty; `level`, `press` (n,):
+    see above, 0 where unknown; `contact_N`, `place` (n, t): force and number of the named place of t
+    contacts, `NOWHERE` without one; `depth_mm` (n,), None where not known.
+    """
+
+    columns: Mapping[str, Float[np.ndarray, " n"]]
+    level: Int[np.ndarray, " n"]
+    press: Int[np.ndarray, " n"]
+    contact_N: Float[np.ndarray, "n t"]
+    place: Int[np.ndarray, "n t"]
+    depth_mm: Float[np.ndarray, " n"] | None
+
+    @classmethod
+    def of(cls, recording: Recording, columns: Columns) -> "Truth":
+        """What a recording says about a robot with such columns.
+
+        Raises RecordingError when it holds some of the points' columns only, or a contact's force without its
+        place where others have one.
+        """
+        given = _named(recording, columns)
+        n = len(recording.time_s)
+        missing = np.full(n, np.nan)
+        names = [name for name in dict.fromkeys(name for named in columns.named for name in named)]
+        force, place = _contacts(recording, columns, names, given)
+        _check_points(recording, columns, given)
+        depth = recording.columns.get("true_depth_mm")
+        return cls(
+            given,
+            _whole(recording.columns.get("sample", missing), 0),
+            _whole(recording.columns.get("press", missing), 0),
+            force,
+            place,
+            depth,
+        )
+
+    def get(self, name: str) -> Float[np.ndarray, " n"]:
+        """True values (n,) of a column, NaN where nothing is known."""
+        return self.columns.get(name, np.full(len(self.level), np.nan))
+
+    def matrix(self, names: Sequence[str]) -> Float[np.ndarray, "n m"] | None:
+        """True values (n, m) of some columns; None where all of one are unknown."""
+        if not names or not all(name in self.columns for name in names):
+            return None
+        return np.stack([self.columns[name] for name in names], axis=1)
+
+    def samples(self, names: Sequence[str]) -> Int[np.ndarray, " s"]:
+        """The frames (s,) that count and in which some columns are known."""
+        known = self.matrix(names)
+        if known is None:
+            return np.zeros(0, int)
+        return np.flatnonzero((self.level > 0) & np.isfinite(known).all(axis=1))
+
+    @property
+    def without_force(self) -> Bool[np.ndarray, " n"]:
+        """Frames (n,) in which nothing is known to press; all of them are unknown without contacts."""
+        if self.contact_N.shape[1]:
+            return np.all(self.contact_N == 0, axis=1)
+        return self.get("force_N") == 0
+
+    @property
+    def without_contact(self) -> Bool[np.ndarray, " n"]:
+        """Those of them in which there is nothing that could, as far as that is known."""
+        return self.without_force & np.all(self.place == NOWHERE, axis=1) & (self.place.shape[1] > 0)
+
+
+def _named(recording: Recording, columns: Columns) -> dict[str, np.ndarray]:
+    """True values by columns of an estimate."""
+    wanted = {column.name for column in columns.columns if column.digits is not None}
+    wanted |= {f"{name}_{unit}" for name in columns.chambers.values() for unit in ("mm3", "Pa")}
+    found = {
+        name: recording.columns[f"true_{name}"] for name in wanted if f"true_{name}" in recording.columns
+    }
+    for kind, names, units in (
+        ("cable", columns.cables.values(), ("mm", "N")),
+        ("pressure", columns.chambers.values(), ("Pa",)),
+        ("dV", columns.chambers.values(), ("mm3",)),
+    ):
+        for k, name in enumerate(names):
+            for unit in units:
+                numbered = [f"true_{kind}{k}_{unit}", *([f"true_{kind}_{unit}"] if len(names) == 1 else [])]
+                for column in numbered:
+                    if column in recording.columns:
+                        found.setdefault(f"{name}_{unit}", recording.columns[column])
+    return found
+
+
+def _contacts(
+    recording: Recording, columns: Columns, names: Sequence[str], given: dict[str, np.ndarray]
+) -> tuple[Float[np.ndarray, "n t"], Int[np.ndarray, "n t"]]:
+    """Forces and places of the contacts that truly are there; their places are also put among what is given.
+    """
+    forces, places = list[np.ndarray](), list[np.ndarray]()
+    for k, slot in enumerate(columns.slots):
+        force = _first(recording, f"true_{slot}_force_N", f"true_force{k}_N")
+        if force is None:
+            continue
+        given.setdefault(f"{slot}_force_N", recording.columns[force])
+        for axis in "xyz":
+            at = _first(recording, f"true_{slot}_{axis}_mm", f"true_contact{k}_{axis}_mm")
+            if at is not None:
+                given.setdefault(f"{slot}_{axis}_mm", recording.columns[at])
+        forces.append(recording.columns[force])
+        if columns.named[k]:
+            place = _first(recording, f"true_{slot}_place", f"true_contact{k}_electrode")
+            if place is None:
+                raise RecordingError(
+                    f"the recording {recording.path} lacks the column 'true_{slot}_place': where the force in "
+                    f"{force!r} is"
+                )
+            places.append(_whole(recording.numbered(place, names, unknown=NOWHERE), NOWHERE))
+    n = len(recording.time_s)
+    return (
+        np.array(forces).reshape(-1, n).T,
+        np.array(places, int).reshape(-1, n).T,
+    )
+
+
+def _first(recording: Recording, *names: str) -> str | None:
+    """The first of some columns that there is."""
+    return next((name for name in names if name in recording.columns or name in recording.labels), None)
+
+
+def _check_points(recording: Recording, columns: Columns, given: Mapping[str, np.ndarray]) -> None:
+    names = [f"{name}_{axis}_mm" for name in columns.points.values() for axis in "xyz"]
+    missing = [name for name in names if name not in given]
+    if missing and len(missing) < len(names):
+        recording.matrix([f"true_{name}" for name in missing])
+
+
+def _whole(values: np.ndarray, unknown: int) -> np.ndarray:
+    return np.where(np.isfinite(values), values, unknown).astype(int)
