@@ -14,7 +14,7 @@ from softfuse.experiment.accuracy import scaled, together
 from softfuse.report.comparison import Comparison
 from softfuse.experiment.contact_accuracy import ContactSamples, contact_force_table
 from softfuse.report.figures import flat_triangles
-from softfuse.experiment.paper import POSITION_ERROR_MM
+from softfuse.experiment.paper.reported import POSITION_ERROR_MM
 from softfuse.experiment.pose_cache import Arrays
 from softfuse.experiment.shape_accuracy import PULLED_M, ShapeSamples, position_table
 from softfuse.report.shape_figures import Shape

@@ -70,7 +70,9 @@ class Episode:
         return " and ".join((*map(str, self.touches), *driven)) or "nothing"
 
 
-def episodes_of(robot: Robot, count: int, *, reach: Sequence[tuple[str, float]], seed: int) -> tuple[Episode, ...]:
+def episodes_of(
+    robot: Robot, count: int, *, reach: Sequence[tuple[str, float]], seed: int
+) -> tuple[Episode, ...]:
     """So many episodes at random: each touches anywhere that contacts may press, every other one drives actuators
     too, all do where nothing may press; every third has as many touches at once as the contact has.
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -29,6 +30,7 @@ from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.reading import Equilibrium
 from softfuse.mechanics.solution import RESULTS, State
 from softfuse.robot.digest import digest
 from softfuse.sensors.true_contact import TrueContact
@@ -92,6 +94,14 @@ class _Skin:
         return TrueContact(np.array(touch.place), gap, force, radius, middle)
 
 
+class Touched(NamedTuple):
+    """What touches in a slot, of which contact it is, and as sensors see it."""
+
+    slot: int
+    contact: str
+    seen: TrueContact
+
+
 class RobotSolver:
     """Equilibria of one virtual robot; a program is compiled for each combination of contacts."""
 
@@ -110,7 +120,6 @@ class RobotSolver:
         chambers = [chamber.cavity for chamber in made.parts.chambers.values()]
         self._volumes = jax.jit(lambda x: jnp.array([cavity(x) for cavity in chambers]))
         self._rest_volumes = np.asarray(self._volumes(body.rest))
-        self._measure = eqx.filter_jit(lambda model, state, places: (model.reading(state, places), model.answers(state)))
 
     @cached_property
     def _watched(self) -> list[Carried]:
@@ -123,45 +132,63 @@ class RobotSolver:
 
         Arrays, c slots of contacts, a drives of actuators: `reading` (n, k) SI; `signal <sensor>` (n, e), what those
         that see contacts say; `force` (n, c) N; `gap` (n, c) m, below 0 by how deep it is pressed in; `point` (n, p, 3)
-        m; `drive`, `answer` (n, a) SI, tensions and shortenings of cables; `volume` (n, h) m³ changes of chambers.
+        m; `drive`, `answer` (n, a) SI, tensions and shortenings of cables; `volume` (n, h) m³ changes of chambers; `held` (n,)
+        1 where it rests for a sample, else 0.
         `solved` is called after each equilibrium. Raises ConfigError for a contact or actuator that there is not, or
         a disc that overhangs, SolveError when an equilibrium is not found.
         """
         done = solved or (lambda: None)
         touches, slots = episode.touches, self._slots(episode)
+        radii = [self._made.parts.contacts[touch.contact].radius for touch in touches]
+        poses: list[Mapping[str, np.ndarray]] = []
         under = [self._under(touch) for touch in touches]
+        level = np.zeros(len(touches))
+
+        def pose(
+            model: Model, state: State, gaps: np.ndarray, forces: np.ndarray, *, held: bool = False
+        ) -> None:
+            nodes = self.nodes(state)
+            there = [
+                Touched(slot, touch.contact, skin.touched(nodes, touch, float(gap), float(force), radius))
+                for slot, touch, skin, gap, force, radius in zip(
+                    slots, touches, under, gaps, forces, radii, strict=True
+                )
+            ]
+            contacts = self._places(touches)[: len(model.contacts)]
+            poses.append(self.pose(model.loads(contacts), state, there, held=held))
+
         drive = self._rest_drive()
         away = np.full(len(touches), self.gaps[0])
         # Without any load there is no search: then contacts lie on from the start.
-        free = self._model(() if self._made.model.actuators else touches)
+        free = self.model(() if self._made.model.actuators else touches)
         places = self._places(touches)[: len(free.contacts)]
         state = State.rest(free.body, free.loads(places))
         if any(self._made.settings.environment.gravity):
             state = self._found(free, places, state.drive, state, f"{episode}: at rest")
-        poses = [self._pose(free, state, touches, under, slots, away)]
+        pose(free, state, away, level)
         target = self._driven(episode, drive)
         if np.any(target != drive):
             for share in np.arange(1, _DRIVE_STEPS + 1) / _DRIVE_STEPS:
                 to = jnp.asarray(drive + share * (target - drive))
                 state = self._found(free, places, to, state, f"{episode}: on the way there")
-                poses.append(self._pose(free, state, touches, under, slots, away))
+                pose(free, state, away, level, held=not touches and share == 1)
                 done()
         if not touches:
-            return _stacked(poses)
-        model, places = self._model(touches), self._places(touches)
+            return stacked(poses)
+        model, places = self.model(touches), self._places(touches)
         self._check(model, touches)
         state = _touching(model, places, state)
         for gap in self.gaps[1:]:
-            poses.append(self._pose(model, state, touches, under, slots, np.full(len(touches), gap)))
+            pose(model, state, np.full(len(touches), gap), level)
         depth = self._depths(model, state, touches)
         for forces in zip(*(touch.forces for touch in touches), strict=True):
             to = state.drive.at[: len(touches)].set(jnp.array(forces))
             where = f"{episode}: under {', '.join(f'{force:.3g}' for force in forces)} N"
             state = self._found(model, places, to, state, where)
             sunk = self._depths(model, state, touches) - depth
-            poses.append(self._pose(model, state, touches, under, slots, -sunk, np.array(forces)))
+            pose(model, state, -sunk, np.array(forces), held=True)
             done()
-        return _stacked(poses)
+        return stacked(poses)
 
     def count(self, episode: Episode) -> int:
         """How many equilibria `poses` tells of by `solved`."""
@@ -193,17 +220,24 @@ class RobotSolver:
         """Of each cable, whether it is commanded to a length, or to nothing."""
         return [each.command is None or each.command.of == "length" for each in self._made.settings.cables]
 
-    def _model(self, touches: Sequence[Touch]) -> Model:
+    def model(self, touches: Sequence[Touch]) -> Model:
         """The body under some contacts, its cables shortened where they are commanded so."""
         made, names = self._made, [contact.name for contact in self._made.settings.contacts]
         by_length = iter(self._by_length)
         actuators = tuple(
-            ShortenedCable.of(load, made.model.body) if isinstance(load, PulledCable) and next(by_length) else load
+            ShortenedCable.of(load, made.model.body)
+            if isinstance(load, PulledCable) and next(by_length)
+            else load
             for load in made.model.actuators
         )
         contacts = tuple(made.model.contacts[names.index(touch.contact)] for touch in touches)
         return Model(
-            made.model.body, made.model.readings, contacts, made.model.linear, actuators, tuple(range(len(contacts)))
+            made.model.body,
+            made.model.readings,
+            contacts,
+            made.model.linear,
+            actuators,
+            tuple(range(len(contacts))),
         )
 
     def _slots(self, episode: Episode) -> list[int]:
@@ -246,7 +280,9 @@ class RobotSolver:
     def _found(self, model: Model, places: Array, drive: Array, state: State, where: str) -> State:
         found = simulate(model, places, drive, state)
         if not bool(found.result == RESULTS.converged):
-            raise SolveError(f"{where}: no equilibrium: {RESULTS[found.result]}; press less hard, or drive it less far")
+            raise SolveError(
+                f"{where}: no equilibrium: {RESULTS[found.result]}; press less hard, or drive it less far"
+            )
         log.info("%s: %d iterations", where, int(found.stats.newton_iterations))
         return found.state
 
@@ -256,44 +292,34 @@ class RobotSolver:
         answers = loads.conjugate(state.force, state.internal, loads.values(model.body, state.z))
         return np.asarray(answers[: len(touches)])
 
-    def _pose(
-        self,
-        model: Model,
-        state: State,
-        touches: Sequence[Touch],
-        under: Sequence["_Skin"],
-        slots: Sequence[int],
-        gaps: Float[np.ndarray, " t"],
-        forces: Float[np.ndarray, " t"] | None = None,
+    def nodes(self, state: State) -> Float[np.ndarray, "k 3"]:
+        """Where all nodes (k, 3) are in a state [m]."""
+        return np.asarray(self._nodes(state.z))
+
+    def pose(
+        self, loads: Loads, state: State, there: Sequence["Touched"], *, held: bool = False
     ) -> dict[str, np.ndarray]:
-        parts = self._made.parts
-        nodes = np.asarray(self._nodes(state.z))
-        pulled = eqx.tree_at(lambda m: m.actuators, model, self._made.model.actuators)
-        places = self._places(touches) if model.contacts else jnp.zeros((0, 3, 3))
-        state = _by_tension(model.loads(places), state)
-        reading, answer = self._measure(pulled, state, places)
-        forces = np.zeros(len(touches)) if forces is None else forces
-        force, gap = np.zeros(len(self._made.workspaces)), np.full(len(self._made.workspaces), self.gaps[0])
-        force[list(slots)], gap[list(slots)] = forces, gaps
-        there = [
-            skin.touched(nodes, touch, float(g), float(f), self._made.parts.contacts[touch.contact].radius)
-            for touch, skin, g, f in zip(touches, under, gaps, forces, strict=True)
-        ]
-        actuators = len(self._made.addresses.drives)
+        """What there is to be seen of an equilibrium under loads, those of contacts first, see `poses`."""
+        made, nodes = self._made, self.nodes(state)
+        contacts = Loads(loads.parts[: len(loads.parts) - len(made.model.actuators)])
+        state = _by_tension(loads, state)
+        reading, drive, answer = _measured(made.model, contacts, state)
+        force, gap = np.zeros(len(made.workspaces)), np.full(len(made.workspaces), self.gaps[0])
+        for each in there:
+            force[each.slot], gap[each.slot] = each.seen.force, each.seen.gap
         pose = {
             "reading": np.asarray(reading),
             "force": force,
             "gap": gap,
             "point": self._points.at(nodes),
-            "drive": np.asarray(state.drive)[len(state.drive) - actuators :],
+            "drive": np.asarray(drive),
             "answer": np.asarray(answer),
             "volume": np.asarray(self._volumes(jnp.asarray(nodes))) - self._rest_volumes,
+            "held": np.asarray(float(held)),
         }
         for sensor, carried in zip(self._seeing, self._watched, strict=True):
-            seen = [
-                each for each, touch in zip(there, touches, strict=True) if touch.contact == sensor.contact
-            ]
-            pose[f"signal {sensor.name}"] = np.asarray(sensor.signal(parts, seen, carried.at(nodes)))
+            seen = [each.seen for each in there if each.contact == sensor.contact]
+            pose[f"signal {sensor.name}"] = np.asarray(sensor.signal(made.parts, seen, carried.at(nodes)))
         return pose
 
     def _under(self, touch: Touch) -> "_Skin":
@@ -301,6 +327,13 @@ class RobotSolver:
         surface = ContactSurface.pressed(np.asarray(self._made.parts.faces), np.asarray(direction_of(place)))
         on = surface.land(self._made.parts.body.rest, jnp.asarray(place[:1]))
         return _Skin(*(np.asarray(each[0]) for each in (on.nodes, on.shape, on.slopes)))
+
+
+@eqx.filter_jit
+def _measured(model: Model, contacts: Loads, state: State) -> tuple[Array, Array, Array]:
+    """Readings (k,), drives and answers (a,) of the actuators."""
+    at = Equilibrium(model.body, contacts, Loads(model.actuators), state)
+    return jnp.concatenate([jnp.zeros(0), *(each.of(at) for each in model.readings)]), at.drives, at.answers
 
 
 def _by_tension(loads: Loads, state: State) -> State:
@@ -334,7 +367,7 @@ def _touching(model: Model, places: Array, state: State) -> State:
     )
 
 
-def _stacked(poses: Sequence[Mapping[str, np.ndarray]]) -> Arrays:
+def stacked(poses: Sequence[Mapping[str, np.ndarray]]) -> Arrays:
     return {name: np.stack([pose[name] for pose in poses]) for name in poses[0]}
 
 
@@ -350,11 +383,15 @@ def kept_poses(
     """
     made = digest(robot.drawn, _MATTERS), robot.errors
     files = [f"robot-{settings_digest(*made, episode)}" for episode in episodes]
-    sees = {sensor.name for sensor in robot.made.suite.contact_sensors}
-    names = {"reading", "force", "gap", "point", "drive", "answer", "volume", *(f"signal {each}" for each in sees)}
 
     def start() -> Callable[[int], Arrays]:
         solver = RobotSolver(robot)
         return lambda k: solver.poses(episodes[k], solved=solved)
 
-    return kept(folder, files, frozenset(names), start)
+    return kept(folder, files, arrays_of(robot), start)
+
+
+def arrays_of(robot: VirtualRobot) -> frozenset[str]:
+    """The names of the arrays of `RobotSolver.poses`."""
+    seen = {f"signal {sensor.name}" for sensor in robot.made.suite.contact_sensors}
+    return frozenset({"reading", "force", "gap", "point", "drive", "answer", "volume", "held"} | seen)

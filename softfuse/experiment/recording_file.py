@@ -26,7 +26,10 @@ def with_decimals(columns: Mapping[str, Float[np.ndarray, " n"]]) -> Columns:
 def write_recording(path: str | Path, columns: Columns) -> None:
     """Write columns to path, compressed when that ends in .gz. Raises RecordingError when that cannot be."""
     # Rounded first, and without the sign of a zero: "-0.00" says nothing.
-    table = [values + 0.0 if digits is None else np.round(values, digits) + 0.0 for digits, values in columns.values()]
+    table = [
+        values + 0.0 if digits is None else np.round(values, digits) + 0.0
+        for digits, values in columns.values()
+    ]
     header, body = io.StringIO(), io.StringIO()
     csv.writer(header, lineterminator="\n").writerow(columns)
     formats = ["%.8g" if digits is None else f"%.{digits}f" for digits, _ in columns.values()]

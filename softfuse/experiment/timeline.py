@@ -1,7 +1,7 @@
 """Episodes in time: a virtual robot passes through its equilibria, rests in some and goes back.
 
 All ways are passed as s(τ) = τ² (3 − 2τ) of the elapsed share τ of their time, so that no flow jumps. In between
-equilibria values are monotone cubics of the actuators' way, of the gap in air, and of the force (Fritsch and Carlson,
+equilibria values are monotone cubics of the actuators' way, of the gap in air, and of force and depth together (Fritsch and Carlson,
 SIAM J. Numer. Anal. 17 (1980) 238). Each episode begins with a rest: sensors take their zeros there, and leaks are
 looked for. From one episode to the next, what touches goes over to the next place.
 """
@@ -104,7 +104,7 @@ def frames(passed: Sequence[Arrays], timing: Timing = Timing()) -> Frames:
 def _episode(rows: _Rows, poses: Arrays, table: np.ndarray, number: int, timing: Timing) -> None:
     """Rest, drive, come near, press and hold, and all the way back."""
     gap, total = poses["gap"].min(axis=1, initial=np.inf), poses["force"].sum(axis=1)
-    pressed = total > 0
+    pressed = (total > 0) | (gap < 0)
     near = ~pressed & (gap < gap[0])
     driven = int(np.sum(~pressed & ~near)) - 1
     ends = driven, driven + int(near.sum())
@@ -116,17 +116,25 @@ def _episode(rows: _Rows, poses: Arrays, table: np.ndarray, number: int, timing:
         rows.stay(drive, 1.0, timing.settle_s, number, sample=0 if pressed.any() else 1)
     if pressed.any():
         air = _Way(-gap[ends[0] : ends[1] + 1], table[ends[0] : ends[1] + 1])
-        push = _Way(total[ends[1] :], table[ends[1] :])
-        far, most = -gap[0], float(total[-1])
+        push = _Way(_along(total[ends[1] :], -gap[ends[1] :]), table[ends[1] :])
+        far, at = -gap[0], 0.0
         rows.go(air, far, 0.0, -far / timing.air_m_s, number)
-        for level in range(1, len(push.along)):
-            before, here = push.along[level - 1 : level + 1]
-            rows.go(push, before, here, timing.press_s * (here - before) / most, number)
+        held = push.along[poses["held"][ends[1] :] > 0]
+        for level, here in enumerate(held, start=1):
+            rows.go(push, at, here, timing.press_s * (here - at), number)
             rows.stay(push, here, timing.hold_s, number, sample=level)
-        rows.go(push, most, 0.0, timing.release_s, number)
+            at = here
+        rows.go(push, at, 0.0, timing.release_s, number)
         rows.go(air, 0.0, far, -far / timing.air_m_s, number)
     if driven:
         rows.go(drive, 1.0, 0.0, timing.drive_s, number)
+
+
+def _along(force: Float[np.ndarray, " m"], depth: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    """From 0 to 1 as a force and a depth increase together, one of which always does."""
+    steps = sum(np.diff(each) / np.ptp(each) for each in (force, depth) if np.ptp(each) > 0)
+    along = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-6))])
+    return along / along[-1]
 
 
 def _table(poses: Arrays) -> Float[np.ndarray, "m q"]:

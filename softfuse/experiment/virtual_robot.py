@@ -7,18 +7,27 @@ presses has a skin of its own; and its sensors' parts, see `SensorSettings.elect
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
 
 from softfuse.errors import ConfigError
+from softfuse.functional.pressure_cells import flat_punch
 from softfuse.io.settings import Vector
 from softfuse.material.silicones import SILICONES, silicone_of_stiffness
+from softfuse.mechanics.load import AbstractContact
+from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.surface import outer_surface, winding_number
 from softfuse.robot.material import Material, YeohSettings
 from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.robot.robot import Robot, build_robot
 from softfuse.robot.settings import RobotSettings
+
+_RIMS, _SECTORS = (0.5, 0.85, 1.0), (4, 8, 12)
+"""Cells of rigid discs, see `functional.pressure_cells.flat_punch`: a coarse mesh cannot tell many apart, and there is
+no equilibrium.
+"""
 
 _FINER, _MOST_MESHES = 1.12, 10
 """By which edges get shorter from one mesh to the next until one has enough nodes, and how many are made."""
@@ -55,6 +64,22 @@ class VirtualRobot:
     errors: MakingErrors
     made: Robot
 
+    @property
+    def told(self) -> dict[str, str]:
+        """What makes it differ from its drawing, for people."""
+        errors, (material, *_) = self.errors, self.made.settings.body.materials
+        factor = material.shear_modulus / self.drawn.body.materials[0].shear_modulus
+        return {
+            "material": f"stiffens with strain (Yeoh), stiffness off by {100 * (factor - 1):+.1f} %",
+            "chambers": f"places off by up to {1e3 * errors.chamber_place:g} mm, sizes by up to "
+            f"{1e3 * errors.chamber_size:g} mm",
+            "cables and points": f"guides off by up to {1e3 * errors.guide:g} mm, points by up to "
+            f"{1e3 * errors.point:g} mm",
+            "mesh": f"of its own, {len(self.made.mesh.mesh.nodes)} nodes",
+            "contact": f"through a skin of {1e9 * errors.skin:g} mm/MPa of its own",
+            "sensors": "zeros, gains, drift and noise of their own",
+        }
+
 
 def virtual_robot(drawn: RobotSettings, errors: MakingErrors = MakingErrors()) -> VirtualRobot:
     """Make the robot.
@@ -68,7 +93,18 @@ def virtual_robot(drawn: RobotSettings, errors: MakingErrors = MakingErrors()) -
     if errors.nodes > 0 and settings.body.source.edges:
         settings, mesh = _finer(settings, mesh, errors.nodes)
     settings = _moved(settings, mesh, errors, rng)
-    return VirtualRobot(drawn, errors, build_robot(settings, mesh))
+    made = build_robot(settings, mesh)
+    contacts = tuple(map(_pressing, made.model.contacts))
+    return VirtualRobot(
+        drawn, errors, replace(made, model=eqx.tree_at(lambda m: m.contacts, made.model, contacts))
+    )
+
+
+def _pressing(contact: AbstractContact) -> AbstractContact:
+    """A rigid disc with cells of its own, others as they are."""
+    if not isinstance(contact, PunchContact) or contact.disc.cells.count == 1:
+        return contact
+    return eqx.tree_at(lambda c: c.disc.cells, contact, flat_punch(_RIMS, _SECTORS))
 
 
 def _made(drawn: RobotSettings, errors: MakingErrors, rng: np.random.Generator) -> RobotSettings:
@@ -123,7 +159,9 @@ def _moved(
     cables = []
     for cable in settings.cables:
         guides = _shifted(cable.guides, errors.guide, mesh, rng)
-        radius = cable.anchor_radius + rng.uniform(-1.0, 1.0) * min(errors.anchor_radius, cable.anchor_radius / 2)
+        radius = cable.anchor_radius + rng.uniform(-1.0, 1.0) * min(
+            errors.anchor_radius, cable.anchor_radius / 2
+        )
         cables.append(cable.model_copy(update={"guides": guides, "anchor_radius": radius}))
     at = _shifted([point.at for point in settings.points], errors.point, mesh, rng)
     points = tuple(
