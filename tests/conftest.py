@@ -22,7 +22,7 @@ from softfuse.body.element import Element
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
 from softfuse.experiment.mutual_field import Thing
 from softfuse.report.mutual_figures import image_of
-from softfuse.experiment.virtual_mutual import MutualBed
+from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.functional import Cavity
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch

@@ -19,7 +19,7 @@ from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker
-from softfuse.experiment.virtual_mutual import MutualBed
+from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS

@@ -10,7 +10,7 @@ import pytest
 
 from softfuse.config import load
 from softfuse.config.build_tracker import build_senses
-from softfuse.experiment.virtual_mutual import MutualBed
+from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.functional.chart import FlatChart
 from softfuse.hardware.recording import read_recording
 from softfuse.sensors.mutual.field import Thing

@@ -1,7 +1,7 @@
 """A virtual grid of mutual capacitances, read frame by frame, for the test beds of what finds touches.
 
-The field of `mutual_field` through the parts of `electrode_electronics`; then white noise, a drift common to
-all and one of each cell's own (random walks), and the converter's steps.
+The field of `sensors.mutual.field`; then parts that differ, white noise, a drift common to all and one of each cell's
+own (random walks), and the converter's steps.
 """
 
 from collections.abc import Sequence
@@ -10,8 +10,29 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from softfuse.experiment.electrode_electronics import CellElectronics
 from softfuse.sensors.mutual.field import MutualField, Thing
+
+
+@dataclass(frozen=True)
+class CellParts:
+    """Of the cells: counts at rest and by how much they differ, spread of the gains, noise, drift of all and of each
+    after one second.
+    """
+
+    rest_counts: float = 16000.0
+    rest_bound_counts: float = 1500.0
+    gain_sigma: float = 0.03
+    noise_counts: float = 8.0
+    drift_counts: float = 5.0
+    own_drift_counts: float = 2.0
+    highest_counts: int = 65535
+
+    def rest_and_gain(
+        self, shape: tuple[int, ...], rng: np.random.Generator
+    ) -> tuple[Float[np.ndarray, "*e"], Float[np.ndarray, "*e"]]:
+        """Counts at rest and gains of cells in a given shape, drawn from a generator."""
+        rest = self.rest_counts + rng.uniform(-self.rest_bound_counts, self.rest_bound_counts, shape)
+        return rest, 1.0 + rng.normal(0.0, self.gain_sigma, shape)
 
 
 @dataclass(frozen=True)
@@ -19,7 +40,7 @@ class MutualBed:
     """The grid, its electronics, and the seed of their parts, noise and drift."""
 
     field: MutualField = MutualField()
-    parts: CellElectronics = CellElectronics()
+    parts: CellParts = CellParts()
     seed: int = 5
 
     def counts(

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from softfuse.cli.virtual_faults import Faults, parse_faults
+from softfuse.hardware.virtual.faults import Faults, parse_faults
 from softfuse.errors import SoftfuseError
 from softfuse.hardware.virtual.line_faults import LineFaults
 from softfuse.hardware.virtual.sensor_faults import DeadSensor, SensorFaults
