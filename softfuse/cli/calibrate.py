@@ -15,7 +15,7 @@ from softfuse.cli.device_calibration import AbstractCalibration
 from softfuse.cli.felt_presses import chosen_frames, felt_presses
 from softfuse.cli.finger_calibration import FingerCalibration
 from softfuse.cli.pad_calibration import PadCalibration
-from softfuse.cli.recorded import sensor_columns
+from softfuse.cli.recorded import read_sensors
 from softfuse.cli.terminal import Quiet, busy, counted, stdout
 from softfuse.config import DeviceConfig, load, save_edited
 from softfuse.config.build_calibration import (
@@ -27,7 +27,7 @@ from softfuse.config.build_calibration import (
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
 from softfuse.errors import SoftfuseError
-from softfuse.hardware.recording import Recording, read_recording
+from softfuse.hardware.recording import Recording
 
 
 def calibrate(
@@ -49,7 +49,7 @@ def calibrate(
     """Fit stiffness, contact, cavities and sensors to presses of known place and force."""
     settings = load(config)
     _check_out(out)
-    read = [read_recording(path, sensor_columns(settings)) for path in recordings]
+    read = [read_sensors(settings, path) for path in recordings]
     calibrated = calibrated_device(settings, read, out, presses=presses, quiet=quiet)
     if not quiet:
         lines = [*tell(calibrated), f"written to {out}; report: {out.with_suffix('.html')}"]

@@ -5,7 +5,10 @@ from typing import Annotated
 
 import typer
 
+from softfuse.cli.recorded import table_form
 from softfuse.cli.terminal import Quiet, busy, stdout
+from softfuse.config.file import file_text, validated
+from softfuse.config.recording import RecordingFile, RecordingSettings
 from softfuse.hardware.record.convert import convert_estimates, convert_frames
 
 
@@ -15,13 +18,25 @@ def convert(
     estimates: Annotated[
         bool, typer.Option("--estimates", help="Convert a session's estimates instead of its frames.")
     ] = False,
+    form: Annotated[
+        Path | None,
+        typer.Option(
+            "--format",
+            help="TOML whose table [recording] tells how a CSV is written, where that is not found by itself.",
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file if it exists.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Convert a recording: sessions, CSV and Parquet into each other."""
-    act = convert_estimates if estimates else convert_frames
+    told = RecordingSettings()
+    if form is not None:
+        told = validated(file_text(form), form, RecordingFile).recording
     with busy("converting", quiet=quiet):
-        count = act(source, target, overwrite=force)
+        if estimates:
+            count = convert_estimates(source, target, overwrite=force)
+        else:
+            count = convert_frames(source, target, form=table_form(told), overwrite=force)
     if not quiet:
         what = "estimates" if estimates else "frames"
         stdout.print(f"{count} {what} written to {target}", markup=False, highlight=False, soft_wrap=True)

@@ -13,7 +13,7 @@ from jaxtyping import Bool
 from softfuse.cli.finger_study import FingerStudy
 from softfuse.cli.joined import Joined
 from softfuse.cli.pad_study import PadStudy
-from softfuse.cli.recorded import sensor_columns, sensor_frames
+from softfuse.cli.recorded import read_sensors, sensor_frames
 from softfuse.cli.recording_report import EstimateRows, all_errors, summary, write_report, write_shapes
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated
 from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
@@ -25,7 +25,7 @@ from softfuse.config.build_tracker import build_tracker
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.tracked import Frame
 from softfuse.estimation.tracker import Tracker
-from softfuse.hardware.recording import Recording, read_recording
+from softfuse.hardware.recording import Recording
 
 
 def estimate(
@@ -42,7 +42,7 @@ def estimate(
 ) -> None:
     """Estimate contact location, force and shape in the frames of a recording."""
     settings = load(config)
-    whole = read_recording(recording, sensor_columns(settings))
+    whole = read_sensors(settings, recording)
     make_folder(out)
     with busy("meshing", quiet=quiet):
         mesh = build_mesh(settings)

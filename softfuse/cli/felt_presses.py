@@ -4,6 +4,7 @@ import re
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields, replace
+from itertools import islice
 
 import numpy as np
 from jaxtyping import Int
@@ -71,7 +72,7 @@ def felt_presses(
         senses = CompiledSenses(known.senses(), aside)
         for recording, at in zip(recordings, chosen, strict=True):
             last = int(at.max()) + 1
-            frames = sensor_frames(known.settings, recording)[:last]
+            frames = islice(sensor_frames(known.settings, recording), last)
             senses.reset()
             sensed = tuple(
                 senses.update(frame.time_s, frame.readings).sensed

@@ -1,18 +1,23 @@
 """A recording as the frames of a device's sensors, and the truth that it may hold."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
 
 from softfuse.config import DeviceConfig
+from softfuse.config.recording import RecordingSettings
 from softfuse.errors import ConfigError
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.experiment.accuracy import Samples
-from softfuse.hardware.recording import Recording
+from softfuse.hardware.recording import Recording, read_recording
+from softfuse.hardware.table.form import TableForm
 
 TRUTH = ("sample", "true_x_mm", "true_y_mm", "true_force_N")
 """Columns of a recording that make an evaluation possible."""
+_AT_ONCE = 1 << 14
+"""Frames that are made from the columns side by side."""
 
 
 def sensor_columns(config: DeviceConfig) -> list[str]:
@@ -22,11 +27,25 @@ def sensor_columns(config: DeviceConfig) -> list[str]:
     return list(config.sensors.channels)
 
 
-def sensor_frames(config: DeviceConfig, recording: Recording) -> list[Frame]:
-    """The recording's frames with the readings in the order of the sensors."""
+def table_form(settings: RecordingSettings) -> TableForm:
+    """How recordings are written, as far as the settings tell."""
+    return TableForm(**dict(settings))
+
+
+def read_sensors(config: DeviceConfig, path: Path) -> Recording:
+    """A recording of the device; raises ConfigError as `sensor_columns`, RecordingError as `read_recording`."""
+    return read_recording(path, sensor_columns(config), table_form(config.recording))
+
+
+def sensor_frames(config: DeviceConfig, recording: Recording) -> Iterator[Frame]:
+    """The recording's frames with the readings in the order of the sensors, made one after the other."""
     assert config.sensors is not None  # sensor_columns has told
-    groups = zip(*(unit * recording.matrix(names) for names, unit in config.sensors.groups), strict=True)
-    return [Frame(at, readings) for at, readings in zip(recording.time_s, groups, strict=True)]
+    n = len(recording.time_s)
+    for start in range(0, n, _AT_ONCE):
+        part = recording.rows(np.arange(start, min(start + _AT_ONCE, n)))
+        groups = zip(*(unit * part.matrix(names) for names, unit in config.sensors.groups), strict=True)
+        for at, readings in zip(part.time_s, groups, strict=True):
+            yield Frame(at, readings)
 
 
 def sample_frames(recording: Recording) -> Int[np.ndarray, " s"]:

@@ -24,6 +24,7 @@ from softfuse.config.quantity import (
     PositiveNumber,
     wrong_value,
 )
+from softfuse.config.recording import RecordingSettings
 from softfuse.config.reduction import ReductionSettings
 from softfuse.config.sensor_set import SensorSettings
 from softfuse.config.settings import ExistingFile, FileSettings, Settings, Vector
@@ -83,6 +84,7 @@ class DeviceConfig(FileSettings):
     sensors: SensorSettings | None = None
     sources: tuple[AnySource, ...] = Field(default=(), alias="source")
     estimator: EstimatorSettings = EstimatorSettings()
+    recording: RecordingSettings = RecordingSettings()
     reduction: ReductionSettings = ReductionSettings()
     calibration: CalibrationSettings = CalibrationSettings()
 

@@ -23,7 +23,7 @@ from softfuse.sensing.electrodes import (
     electrode_init,
     electrode_update,
 )
-from softfuse.sensing.frame_time import frame_step
+from softfuse.sensing.frame_time import FrameClock, clock_init, frame_step
 from softfuse.sensing.pressure import (
     PressureReading,
     PressureSensor,
@@ -46,7 +46,7 @@ class FingerMeasurement(eqx.Module):
 class FingerSenseState(eqx.Module):
     """Memory between frames."""
 
-    time_s: Float[Array, ""]
+    clock: FrameClock
     pressure: PressureState
     electrodes: ElectrodeState
     mean_Pa: Float[Array, " k"]
@@ -94,7 +94,7 @@ class FingerSenses(AbstractSenses):
         """State before the first frame; the finger is taken to be untouched."""
         k = self.pressure.offset.shape[0]
         return FingerSenseState(
-            time_s=jnp.full((), -jnp.inf),
+            clock=clock_init(),
             pressure=pressure_init(self.pressure),
             electrodes=electrode_init(self.electrodes, self.contacts),
             mean_Pa=jnp.zeros(k),
@@ -112,7 +112,8 @@ class FingerSenses(AbstractSenses):
         length_lost = jnp.any(~jnp.isfinite(cable))
         unknown = jnp.full(self.cable_sigma_m.shape, jnp.nan)
         cable = cable - self.cable_zero_m if self.lengths else unknown
-        now, dt, forward = frame_step(state.time_s, time_s)
+        clock, time = frame_step(state.clock, time_s)
+        dt = time.dt_s
         touch_state, touch = electrode_update(self.electrodes, state.electrodes, dt, counts)
         # A length that is not read says nothing: a cable that slips off must not stop the tare for ever.
         pulled = jnp.any(jnp.where(jnp.isfinite(cable), jnp.abs(cable) > self.slack_m, False))
@@ -132,7 +133,7 @@ class FingerSenses(AbstractSenses):
         length = jnp.where(jnp.isfinite(state.cable_m), lagging, cable)
         places, pressing = _places(state, touch)
         later = FingerSenseState(
-            now,
+            clock,
             pressure_state,
             touch_state,
             mean,
@@ -143,7 +144,8 @@ class FingerSenses(AbstractSenses):
             pressing,
         )
         flags = {
-            Status.bad_time: ~forward,
+            Status.bad_time: ~time.forward,
+            Status.clock_anew: time.anew,
             Status.pressure_missing: jnp.any(pressure.missing),
             Status.pressure_range: jnp.any(pressure.out_of_range),
             Status.leak: jnp.any(pressure.leaking),

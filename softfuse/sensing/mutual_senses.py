@@ -19,7 +19,7 @@ from softfuse.sensing.flow import (
     flow_update,
     squeeze_evidence,
 )
-from softfuse.sensing.frame_time import frame_step
+from softfuse.sensing.frame_time import FrameClock, clock_init, frame_step
 from softfuse.sensing.mutual import MutualGrid, MutualReading, MutualState, mutual_init, mutual_update
 from softfuse.sensing.senses import AbstractSenses, Sensed
 from softfuse.sensing.slots import ContactSlots, assign_slots, slots_init
@@ -46,7 +46,7 @@ class MutualMeasurement(eqx.Module):
 class MutualSenseState(eqx.Module):
     """Memory between frames."""
 
-    time_s: Float[Array, ""]
+    clock: FrameClock
     flow: FlowState
     grid: MutualState
     slots: ContactSlots
@@ -86,7 +86,7 @@ class MutualSenses(AbstractSenses):
         share = (jnp.arange(self.contacts) + 0.5)[:, None] / self.contacts
         waiting = jnp.concatenate([low + share * (high - low), jnp.zeros((self.contacts, 1))], axis=1)
         return MutualSenseState(
-            time_s=jnp.full((), -jnp.inf, float),
+            clock=clock_init(),
             flow=flow_init(self.flow),
             grid=mutual_init(self.grid),
             slots=slots_init(self.contacts, self.grid.touches),
@@ -96,8 +96,9 @@ class MutualSenses(AbstractSenses):
     def update(self, state, time_s, readings):
         """One frame of flow (k,) [V] and cells (r c,) [counts]."""
         volts, counts = readings
-        started = jnp.isfinite(state.time_s)
-        now, dt, forward = frame_step(state.time_s, time_s)
+        started = jnp.isfinite(state.clock.time_s)
+        clock, time = frame_step(state.clock, time_s)
+        dt = time.dt_s
         squeezed = squeeze_evidence(self.flow, state.flow) > _SQUEEZED_SIGMA
         grid_state, grid = mutual_update(self.grid, state.grid, dt, counts, squeezed)
         tracks = grid.tracks
@@ -112,7 +113,8 @@ class MutualSenses(AbstractSenses):
         flat = jnp.concatenate([at, jnp.zeros((self.contacts, 1))], axis=1)
         places = jnp.where((located & inside)[:, None], flat, state.places_m)
         flags = {
-            Status.bad_time: ~forward,
+            Status.bad_time: ~time.forward,
+            Status.clock_anew: time.anew,
             Status.flow_missing: jnp.any(flow.missing),
             Status.flow_saturated: jnp.any(flow.saturated),
             Status.electrode_lost: self._lost(started, grid.valid, counts),
@@ -120,7 +122,7 @@ class MutualSenses(AbstractSenses):
             Status.outside: jnp.any(located & ~inside),
             Status.volume_unknown: jnp.any(located & inside) & ~known,
         }
-        return MutualSenseState(now, flow_state, grid_state, slots, places), Sensed(
+        return MutualSenseState(clock, flow_state, grid_state, slots, places), Sensed(
             reading=flow.volume_change_m3,
             sigma=flow.volume_sigma_m3,
             valid=flow.volume_valid,

@@ -41,7 +41,7 @@ from softfuse.sensing.flow import (
     flow_update,
     mean_flow,
 )
-from softfuse.sensing.frame_time import frame_step
+from softfuse.sensing.frame_time import FrameClock, clock_init, frame_step
 from softfuse.sensing.peak_follow import PeakTrack, follow_peak, no_peak
 from softfuse.sensing.peak_model import PeakModel
 from softfuse.sensing.reading_drift import ReadingDrift
@@ -71,7 +71,7 @@ class PadSensors(eqx.Module):
 class PadSensorState(eqx.Module):
     """Memory between frames."""
 
-    time_s: Float[Array, ""]
+    clock: FrameClock
     flow: FlowState
     array: ArrayState
     volume: VolumeChange
@@ -85,9 +85,11 @@ class PadMeasurement(eqx.Module):
     """What the sensors say about one frame."""
 
     time_s: Float[Array, ""]
-    """Time of the frame, that of the last good one where it is missing or runs backwards [s]."""
+    """Time of the frame, that of the last good one where it does not count [s]."""
     time_valid: Bool[Array, ""]
-    """The frame's time is later than the last one's."""
+    """The frame's time counts."""
+    clock_anew: Bool[Array, ""]
+    """The clock has been taken anew with it."""
     volume_change_m3: Float[Array, " k"]
     """(k,) volume change of the cavities since the last reset [m^3]."""
     volume_sigma_m3: Float[Array, " k"]
@@ -141,7 +143,7 @@ def pad_sensor_init(sensors: PadSensors) -> PadSensorState:
     electrodes = sensors.peak.row_y_m.shape[0] + sensors.peak.column_x_m.shape[0]
     cavities = sensors.flow.zero_V.shape[0]
     return PadSensorState(
-        time_s=jnp.full((), -jnp.inf, float),
+        clock=clock_init(),
         flow=flow_init(sensors.flow),
         array=array_init(electrodes),
         volume=VolumeChange(jnp.zeros(cavities), jnp.zeros(cavities, bool)),
@@ -165,7 +167,8 @@ def pad_sensor_update(
     Args: time_s [s]; flow_V (k,) [V]; row_counts (r,), column_counts (c,) [counts]; NaN where missing.
     Returns: the new state and the PadMeasurement.
     """
-    now, dt, time_valid = frame_step(state.time_s, time_s)
+    clock, time = frame_step(state.clock, time_s)
+    dt = time.dt_s
     counts = jnp.concatenate([row_counts, column_counts])
     started = starts_touched(sensors.array, sensors.touch, state.array, row_counts, column_counts)
 
@@ -195,7 +198,7 @@ def pad_sensor_update(
     lying = touch.near & (state.lying | (trusted & ~honest))
     array = track_baseline(sensors.array, known, dt, counts, touch.near, touching)
     later = PadSensorState(
-        time_s=now,
+        clock=clock,
         flow=flow_state,
         array=array,
         volume=VolumeChange(flow.volume_change_m3, flow.volume_valid),
@@ -205,8 +208,9 @@ def pad_sensor_update(
         lying=lying,
     )
     return later, PadMeasurement(
-        time_s=now,
-        time_valid=time_valid,
+        time_s=time.now_s,
+        time_valid=time.forward,
+        clock_anew=time.anew,
         volume_change_m3=flow.volume_change_m3,
         volume_sigma_m3=flow.volume_sigma_m3,
         volume_valid=flow.volume_valid,

@@ -58,7 +58,7 @@ class PadSenses(AbstractSenses):
 
     def update(self, state, time_s, readings):
         """One frame of flow (k,) [V], rows (r,) and columns (c,) [counts]."""
-        begun = jnp.isfinite(state.time_s)
+        begun = jnp.isfinite(state.clock.time_s)
         state, seen = pad_sensor_update(self.sensors, state, time_s, *readings)
         low, high = self.workspace_m
         # What electrodes do not see may be anywhere.
@@ -71,6 +71,7 @@ class PadSenses(AbstractSenses):
         touching, located = seen.touching, seen.touching & seen.location_valid
         flags = {
             Status.bad_time: ~seen.time_valid,
+            Status.clock_anew: seen.clock_anew,
             Status.flow_missing: jnp.any(seen.flow_missing),
             Status.flow_saturated: jnp.any(seen.flow_saturated),
             Status.electrode_lost: jnp.any(lost),
