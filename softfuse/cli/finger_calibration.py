@@ -121,4 +121,5 @@ class FingerCalibration(AbstractCalibration):
         return self.settings.contact.max_force
 
     def _truth(self, recording: Recording) -> FingerTruth:
-        return finger_truth(recording, [], len(self.settings.cables))
+        electrodes = [electrode.name for electrode in self.settings.electrodes]
+        return finger_truth(recording, [], len(self.settings.cables), electrodes)

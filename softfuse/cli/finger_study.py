@@ -27,7 +27,8 @@ class FingerStudy(AbstractStudy):
         self._all = estimated
         self._points = [point.name for point in config.points]
         self._frames: list[FingerFrame] = []
-        truth = finger_truth(estimated.recording, self._points, len(config.cables))
+        electrodes = [electrode.name for electrode in config.electrodes]
+        truth = finger_truth(estimated.recording, self._points, len(config.cables), electrodes)
         self._series = FingerSeries(self._frames, len(config.cables), truth)
         self._readout = FingerReadout(config, device, estimated.mesh)
         self._touches, self._pulls = Peaks(), Peaks()

@@ -42,8 +42,10 @@ class FingerTruth:
         return self.without_force & np.all(self.electrode == NOWHERE, axis=1)
 
 
-def finger_truth(recording: Recording, points: Sequence[str], cables: int) -> FingerTruth:
-    """The truth about the named points and so many cables.
+def finger_truth(
+    recording: Recording, points: Sequence[str], cables: int, electrodes: Sequence[str] = ()
+) -> FingerTruth:
+    """The truth about the named points and so many cables; columns say an electrode by its number or its name.
 
     Raises RecordingError when it holds some of the points' columns only, or a contact's force without its
     electrode.
@@ -55,7 +57,8 @@ def finger_truth(recording: Recording, points: Sequence[str], cables: int) -> Fi
         point = 1e-3 * recording.matrix(names).reshape(n, len(points), 3)
     contacts = list(takewhile(lambda c: f"true_force{c}_N" in columns, count()))
     force = recording.matrix([f"true_force{c}_N" for c in contacts])
-    electrode = recording.matrix([f"true_contact{c}_electrode" for c in contacts])
+    named = [recording.numbered(f"true_contact{c}_electrode", electrodes, unknown=NOWHERE) for c in contacts]
+    electrode = np.array(named).reshape(len(contacts), n).T
     missing = np.full(n, np.nan)
     shortening = [columns.get(f"true_cable{_which(k, cables)}_mm", missing) for k in range(cables)]
     tension = [columns.get(f"true_cable{_which(k, cables)}_N", missing) for k in range(cables)]

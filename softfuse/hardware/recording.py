@@ -193,7 +193,11 @@ class _Growing:
 
 def _lines(recording: Recording, at: Bool[np.ndarray, " n"]) -> str:
     lines = recording.line[at][:_NAMED]
-    return ("line " if at.sum() == 1 else "lines ") + ", ".join(map(str, lines)) + (" ..." if at.sum() > _NAMED else "")
+    return (
+        ("line " if at.sum() == 1 else "lines ")
+        + ", ".join(map(str, lines))
+        + (" ..." if at.sum() > _NAMED else "")
+    )
 
 
 def _tell_malformed(recording: Recording, required: Sequence[str]) -> None:

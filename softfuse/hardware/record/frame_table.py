@@ -60,7 +60,9 @@ def read_csv(path: Path, form: TableForm = TableForm()) -> FrameTable:
             for at, row in zip(block.time_s.tolist(), values, strict=True):
                 yield FrameEntry(next(number), at, row)
         if damaged:
-            logger.warning("%s: %d rows cannot be read in full, first line %d", path, len(damaged), damaged[0])
+            logger.warning(
+                "%s: %d rows cannot be read in full, first line %d", path, len(damaged), damaged[0]
+            )
 
     return FrameTable(path, channels, frames())
 

@@ -11,7 +11,7 @@ their sources in 2026; values are counts, or pF where it says so):
 * `fdc1004-single`: ProtoCentral_fdc1004_breakout, examples Example1-FDC-streaming and -single-channel:
   milliseconds, pF, CAPDAC and a status in words, between one or two tabs (time_ms, pF, capdac).
 * `fdc1004-multi`: the same, Example2-multi-channel: seconds with one decimal, then four channels in pF and a
-  status (pF0 .. pF3). Its time is too coarse to be used. A channel that reads ERROR spoils the line.
+  status (pF0 .. pF3). Its time is too coarse to be used. A channel that reads ERROR is missing.
 * `trill-craft`: Bela's Trill-Arduino, example craft-print: 30 values with leading zeros, a space after each,
   no time (c0 .. c29). The other Trill sensors print the same with other numbers of values: give `columns`.
 * `muca`: muca-board's Muca, example Muca_Raw with `SendRawString()` in place of `SendRawByte()`: 21 x 12
@@ -106,6 +106,7 @@ class TextLines(AbstractDriver):
         return {
             "samples": counts.samples,
             "malformed": counts.malformed,
+            "missing readings": self._decoder.missing,
             "too long": counts.oversized,
             "before any header": counts.undescribed,
             "without their beginning": counts.partial,

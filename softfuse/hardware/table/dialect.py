@@ -57,7 +57,9 @@ def is_comment(line: str) -> bool:
     return line.lstrip().startswith(_COMMENTS)
 
 
-def find_dialect(block: bytes, told: TableForm, wanted: Collection[str], time: Callable[[str], bool]) -> Dialect:
+def find_dialect(
+    block: bytes, told: TableForm, wanted: Collection[str], time: Callable[[str], bool]
+) -> Dialect:
     """How the table is written that begins with a block of whole lines.
 
     wanted: names of columns that should be there; time: whether a column's name is one of a time. What is
@@ -75,7 +77,11 @@ def find_dialect(block: bytes, told: TableForm, wanted: Collection[str], time: C
 
 
 def _fit(
-    lines: Sequence[str], separator: str, decimal: Decimal, wanted: Collection[str], time: Callable[[str], bool]
+    lines: Sequence[str],
+    separator: str,
+    decimal: Decimal,
+    wanted: Collection[str],
+    time: Callable[[str], bool],
 ) -> tuple[tuple[float, ...], Dialect]:
     """A dialect, and how well it fits."""
     quote = "'" if any(line.lstrip("#% ").startswith("'") for line in lines) else '"'

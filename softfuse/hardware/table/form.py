@@ -10,7 +10,9 @@ Unit = Literal["s", "ms", "us", "ns"]
 SEPARATORS = ("\t", ";", ",", "|", " ")
 """Those that are looked for; a blank stands for any run of blanks."""
 PER_SECOND: Mapping[str, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-MISSING = frozenset({"", "-", "--", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "inf", "-inf", "+inf"})
+MISSING = frozenset(
+    {"", "-", "--", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "inf", "-inf", "+inf"}
+)
 """Fields, in small letters, that say that there is no reading."""
 
 

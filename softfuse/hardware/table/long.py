@@ -28,9 +28,7 @@ class Readings:
 
     def after(self, earlier: "Readings") -> "Readings":
         """These behind earlier ones."""
-        joined = {
-            name: np.concatenate([getattr(earlier, name), getattr(self, name)]) for name in vars(self)
-        }
+        joined = {name: np.concatenate([getattr(earlier, name), getattr(self, name)]) for name in vars(self)}
         return Readings(**joined)
 
     def part(self, at: slice | Bool[np.ndarray, " m"]) -> "Readings":
@@ -114,7 +112,18 @@ def long_columns(
 
 
 _IDS = frozenset(
-    ("id", "name", "channel", "channel_id", "channel_name", "ch", "sensor", "sensor_id", "sensor_name", "signal")
+    (
+        "id",
+        "name",
+        "channel",
+        "channel_id",
+        "channel_name",
+        "ch",
+        "sensor",
+        "sensor_id",
+        "sensor_name",
+        "signal",
+    )
     + ("signal_name", "topic", "key", "variable", "label", "tag", "source", "metric", "field", "series")
 )
 _VALUES = frozenset(("value", "values", "val", "reading", "data", "measurement", "raw", "v", "y"))

@@ -120,7 +120,9 @@ class RowReader:
     def _labelled(self, c: int, column: Any) -> tuple[np.ndarray, np.ndarray]:
         texts = column.dictionary.to_pylist()
         numbers = np.array([np.nan if (n := self._number(text)) is None else n for text in texts] + [np.nan])
-        names = np.array([*(self._label(c, text) if self._text(text) else -1 for text in texts), -1], np.int32)
+        names = np.array(
+            [*(self._label(c, text) if self._text(text) else -1 for text in texts), -1], np.int32
+        )
         code = column.indices.fill_null(len(texts)).to_numpy()
         return numbers[code], names[code]
 

@@ -86,7 +86,9 @@ class Table:
             self._refuse(lacking, dialect.names)
         twice = sorted({name for name in self.channels if self.channels.count(name) > 1})
         if twice:
-            raise RecordingError(f"the recording {path} names the column {twice[0]!r} twice: rename or drop one")
+            raise RecordingError(
+                f"the recording {path} names the column {twice[0]!r} twice: rename or drop one"
+            )
         needed = [k for (k, _), name in zip(named, self.channels, strict=True) if name in set(required)]
         places = [k for k, _ in named]
         self._reader = RowReader(dialect, [*self._read_time, *places], [*self._read_time, *needed])
@@ -206,7 +208,9 @@ class _Long:
             channel[at] = self._number.get(name, -1)
             if name not in self._number and name not in self._unknown:
                 self._unknown.add(name)
-                logger.warning("the channel %r, which first comes in line %d, is left out", name, rows.line[at][0])
+                logger.warning(
+                    "the channel %r, which first comes in line %d, is left out", name, rows.line[at][0]
+                )
         read = Readings(time, channel, rows.values[self._skipped + 1], rows.line, rows.malformed)
         return Block(**vars(self._pivot.add(read)))
 

@@ -87,5 +87,7 @@ def time_column(
     else:
         remark = f"it steps by {step / PER_SECOND[taken]:g} s, which is no likely sampling interval"
         if told.time_unit is None:
-            remark += f': say time_unit = "{likely}" if it is in {likely}' if likely else ": say its time_unit"
+            remark += (
+                f': say time_unit = "{likely}" if it is in {likely}' if likely else ": say its time_unit"
+            )
     return TimeColumn(place, PER_SECOND[taken], f"the time {name!r}: {remark}")
