@@ -45,7 +45,7 @@ class FingerTruth:
 def finger_truth(
     recording: Recording, points: Sequence[str], cables: int, electrodes: Sequence[str] = ()
 ) -> FingerTruth:
-    """The truth about the named points and so many cables; columns say an electrode by its number or its name.
+    """The truth about the named points and so many cables; an electrode is said by its number or its name.
 
     Raises RecordingError when it holds some of the points' columns only, or a contact's force without its
     electrode.

@@ -33,7 +33,7 @@ def table_form(settings: RecordingSettings) -> TableForm:
 
 
 def read_sensors(config: DeviceConfig, path: Path) -> Recording:
-    """A recording of the device; raises ConfigError as `sensor_columns`, RecordingError as `read_recording`."""
+    """A recording of the device; raises as `sensor_columns` and `read_recording` do."""
     return read_recording(path, sensor_columns(config), table_form(config.recording))
 
 

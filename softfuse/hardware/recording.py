@@ -1,9 +1,9 @@
 """Recordings: CSV files of raw sensor frames, read whole whatever happened to them.
 
-How the file is written is found or told (`softfuse.hardware.table`). A row that was cut, has an empty field or
-text where a sensor's number belongs keeps its place: the fields that cannot be read are NaN and the row's line
-number is listed. Other columns may hold what they like: what is no number is NaN there, and texts are labels.
-Values are kept in the units that the column's name says (V, counts, mm, N), as recorded; only the sensing
+How the file is written is found or told (`softfuse.hardware.table`). A row that was cut, has an empty field
+or text where a sensor's number belongs keeps its place: the fields that cannot be read are NaN and the row is
+flagged. Other columns may hold what they like: what is no number is NaN there, and texts are labels. Values
+are kept in the units that the column's name says (V, counts, mm, N), as recorded; only the sensing
 stage turns them into SI.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from softfuse.errors import RecordingError
-from softfuse.hardware.table.form import TableForm
+from softfuse.hardware.table.form import FOUND, TableForm
 from softfuse.hardware.table.table import TIME, Table
 from softfuse.sensing.frame_time import clock_of
 
@@ -108,7 +108,7 @@ class Recording:
         )
 
 
-def read_recording(path: str | Path, required: Sequence[str], form: TableForm = TableForm()) -> Recording:
+def read_recording(path: str | Path, required: Sequence[str], form: TableForm = FOUND) -> Recording:
     """Read a recording from .csv or .csv.gz.
 
     Args: path of the file; required: names of the channels that must be there besides the time; form: how the
@@ -124,12 +124,15 @@ def read_recording(path: str | Path, required: Sequence[str], form: TableForm = 
     names = (TIME, *table.channels)
     columns = {name: _Growing(np.float64, np.nan) for name in names}
     labels = dict[int, _Growing]()
-    line, malformed = _Growing(np.int64, 0), _Growing(np.bool_, False)
+    line, malformed = _Growing(np.int32, 0), _Growing(np.bool_, False)
     for block in table.blocks():
         for name, values in zip(names, (block.time_s, *block.values), strict=True):
-            columns[name].add(values)
+            # What holds no numbers takes no memory, as long as it does not.
+            if columns[name].count or np.isfinite(values).any():
+                columns[name].pad(line.count)
+                columns[name].add(values)
         for c, codes in block.labels.items():
-            held = labels.setdefault(c, _Growing(np.int32, -1))
+            held = labels.setdefault(c, _Growing(np.int16, -1))
             held.pad(line.count)
             held.add(codes)
         line.add(block.line)
@@ -141,11 +144,10 @@ def read_recording(path: str | Path, required: Sequence[str], form: TableForm = 
         held.pad(n)
         if table.channels[c] in texts:
             found[table.channels[c]] = Labels(texts[table.channels[c]], held.array)
-    arrays = {
-        name: column.array
-        for name, column in columns.items()
-        if name not in found or np.isfinite(column.array).any()
-    }
+    kept = {name: column for name, column in columns.items() if name not in found or column.count}
+    for column in kept.values():
+        column.pad(n)
+    arrays = {name: column.array for name, column in kept.items()}
     clock = clock_of(arrays[TIME])
     recording = Recording(
         path=path,
@@ -180,9 +182,10 @@ class _Growing:
 
     def pad(self, count: int) -> None:
         """Fill up to so many."""
-        self._reserve(count)
-        self._array[self.count : count] = self._blank
-        self.count = max(self.count, count)
+        if count > self.count:
+            self._reserve(count)
+            self._array[self.count : count] = self._blank
+            self.count = count
 
     def _reserve(self, count: int) -> None:
         if count > len(self._array):
@@ -236,7 +239,7 @@ def _tell_clock(recording: Recording, anew: Bool[np.ndarray, " n"]) -> None:
     """Say where the time does not count, and where the clock was taken anew."""
     if recording.disordered.any():
         logger.warning(
-            "%s: the time of %d frames is missing, not later than before or far ahead, they do not count (%s)",
+            "%s: the time of %d frames is missing, no later or far ahead, they do not count (%s)",
             *(recording.path, recording.disordered.sum(), _lines(recording, recording.disordered)),
         )
     for i in np.flatnonzero(anew)[:_NAMED]:

@@ -3,8 +3,8 @@
 A frame counts when its time is later than that of the last one that did, but not far ahead: by no more than
 ten usual steps or half a second. A frame that does not count is doubted. When `AGREEING` doubted frames in a
 row are each later than the one before, the clock is taken anew, as it is after a counter wrapped, a board was
-reset or a recording paused: the step to the last of them is the whole gap where the clock went ahead, and where
-it went back the steps among them and the usual one, the least that can have passed.
+reset or a recording paused: the step to the last of them is the whole gap where the clock went ahead, and
+where it went back the steps among them and the usual one, the least that can have passed.
 """
 
 from typing import NamedTuple

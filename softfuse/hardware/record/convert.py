@@ -16,17 +16,17 @@ from softfuse.hardware.record.frame_table import FrameTable, read_csv, write_csv
 from softfuse.hardware.record.parquet import read_parquet, write_parquet, write_parquet_estimates
 from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.record.session_writer import SessionWriter
-from softfuse.hardware.table.form import TableForm
+from softfuse.hardware.table.form import FOUND, TableForm
 
 SUFFIXES = (".mcap", ".csv", ".csv.gz", ".parquet")
 SESSION = ".mcap"
 
 
 def convert_frames(
-    source: Path, target: Path, *, form: TableForm = TableForm(), overwrite: bool = False
+    source: Path, target: Path, *, form: TableForm = FOUND, overwrite: bool = False
 ) -> int:
-    """Write the frames of one file as another, and return how many; form: how a CSV is written, as far as it is
-    told.
+    """Write the frames of one file as another, and return how many; form: how a CSV is written, as far
+    as it is told.
 
     Raises: RecordingError when the source cannot be read or has no channels, both are sessions (frames alone
     would lose its bytes and estimates), a suffix is none of `SUFFIXES`, the target cannot be written, or it

@@ -20,7 +20,7 @@ import numpy as np
 
 from softfuse.errors import RecordingError
 from softfuse.hardware.record.entries import EstimateEntry, FrameEntry
-from softfuse.hardware.table.form import TableForm
+from softfuse.hardware.table.form import FOUND, TableForm
 from softfuse.hardware.table.table import TIME, Table
 
 logger = logging.getLogger(__name__)
@@ -40,7 +40,7 @@ class FrameTable:
     """When it was recorded, in ISO 8601, where it is known."""
 
 
-def read_csv(path: Path, form: TableForm = TableForm()) -> FrameTable:
+def read_csv(path: Path, form: TableForm = FOUND) -> FrameTable:
     """The frames of a recording, .csv or .csv.gz, numbered by row, of all columns but those that hold texts
     only; read as they are gone through.
 

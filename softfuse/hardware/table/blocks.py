@@ -15,7 +15,7 @@ logger = logging.getLogger(__name__)
 
 HEAD = 1 << 18
 """Bytes of the first block, which tells how the file is written."""
-BLOCK = 1 << 22
+BLOCK = 1 << 21
 LONGEST_LINE = 1 << 17
 _BOMS = (
     *((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32")),
@@ -37,7 +37,8 @@ class TextBlocks:
         """encoding: Python's name for how it is written; None: it is found."""
         self.path, self.complete = path, True
         try:
-            self._stream = gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb")
+            # Closed by whoever has gone through it.
+            self._stream = gzip.open(path, "rb") if path.suffix == ".gz" else path.open("rb")  # noqa: SIM115
         except OSError as error:
             raise RecordingError(f"cannot open the recording {path}: {error.strerror or error}") from error
         self._encoding = encoding

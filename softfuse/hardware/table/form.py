@@ -39,6 +39,10 @@ class TableForm:
     """In a long table, the column of the reading."""
 
 
+FOUND = TableForm()
+"""Nothing is told."""
+
+
 def number(text: str, decimal: Decimal) -> float | None:
     """The finite number that a field is, else None; Python's own 1_000 is none."""
     if decimal == ",":

@@ -1,8 +1,8 @@
 """Tables with a row for each reading, its time, which channel, its value, as frames of all channels.
 
-Where readings of several channels share their times, a time is a frame. Where each has its own, a frame begins
-with the first reading whose channel does not come later, in the order of the first frame, than the one before;
-its time is that of its last reading. What a frame has no reading of is missing.
+Where readings of several channels share their times, a time is a frame. Where each has its own, a frame
+begins with the first reading whose channel does not come later, in the order of the first frame, than the one
+before; its time is that of its last reading. What a frame has no reading of is missing.
 """
 
 from collections.abc import Mapping, Sequence
@@ -79,7 +79,8 @@ class Pivot:
         later = known.time_s[1:] != known.time_s[:-1]
         later &= np.isfinite(known.time_s[1:]) | np.isfinite(known.time_s[:-1])
         if self._shared is None:
-            self._shared = len(later) + 1 >= _SHARED * (1 + later.sum())
+            timed = np.isfinite(known.time_s).any()
+            self._shared = bool(timed and len(later) + 1 >= _SHARED * (1 + later.sum()))
         again = known.channel[1:] <= known.channel[:-1]
         return np.concatenate([[True], later if self._shared else again])
 

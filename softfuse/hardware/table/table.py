@@ -1,4 +1,4 @@
-"""A table of readings that is gone through once, in blocks of frames: time and one column for each channel."""
+"""A table of readings that is gone through once, in blocks of frames: time and a column for each channel."""
 
 import logging
 from collections.abc import Iterator, Sequence
@@ -113,7 +113,9 @@ class Table:
         return frozenset(() if none else (c - len(self._read_time) for c in self._reader.worded))
 
     def blocks(self) -> Iterator[Block]:
-        """The frames; RecordingError where a line is too long for any table."""
+        """The frames; RecordingError where a line is too long for any table, or at the end of a long table
+        without a channel that is required.
+        """
         count = 0
         for block in self._untimed():
             if self._told.rate is not None:
@@ -124,8 +126,7 @@ class Table:
     def _untimed(self) -> Iterator[Block]:
         skipped = len(self._read_time)
         for rows in chain(self._head, chain.from_iterable(map(self._rows, self._blocks))):
-            # Where there is no time, readings are told apart by their order.
-            time = rows.values[0] / self._per_second if skipped else np.zeros(len(rows.line))
+            time = rows.values[0] / self._per_second if skipped else np.full(len(rows.line), np.nan)
             if self._long is not None:
                 yield self._long.block(rows, time)
                 continue
@@ -133,6 +134,8 @@ class Table:
             yield Block(time, rows.values[skipped:], rows.line, rows.malformed, labels)
         if self._long is not None:
             yield self._long.end()
+            if self._long.absent:
+                self._refuse(self._long.absent, [n for n in self.channels if n not in self._long.absent])
 
     def _rows(self, block: bytes) -> Iterator[Rows]:
         line, self._line = self._line, self._line + block.count(b"\n")
@@ -146,8 +149,8 @@ class Table:
         if first and not np.isfinite(first).any():
             text = dialect.sample[0][place] if place < len(dialect.sample[0]) else ""
             raise RecordingError(
-                f"the recording {self.path} has no numbers in the column {name!r} of the time but {text!r}: name "
-                'another by time = "...", or tell the rate, in [recording]'
+                f"the recording {self.path} has no numbers in the column {name!r} of the time but {text!r}: "
+                'name another by time = "...", or tell the rate, in [recording]'
             )
         found = time_column(place, name, dialect.units, first, self._told)
         if found.remark is not None:
@@ -200,12 +203,16 @@ class _Long:
         self._number = {name: c for c, name in enumerate(self.channels)}
         self._pivot = Pivot(len(self.channels))
         self._unknown = set[str]()
+        self.absent = [name for name in required if name not in names]
+        """Channels that are required and have not come yet."""
 
     def block(self, rows: Rows, time: Float[np.ndarray, " m"]) -> Block:
         channel = np.full(len(rows.line), -1)
         for text, at in self._texts(rows).items():
             name = self._name(text)
             channel[at] = self._number.get(name, -1)
+            if name in self.absent:
+                self.absent.remove(name)
             if name not in self._number and name not in self._unknown:
                 self._unknown.add(name)
                 logger.warning(

@@ -40,8 +40,8 @@ def _parsed(name: str) -> str | None:
 
 @dataclass(frozen=True)
 class TimeColumn:
-    """Where the time is, by the number of its field, how many of its units are a second, and what is to be said
-    of that.
+    """Where the time is, by the number of its field, how many of its units are a second, and what is to be
+    said of that.
     """
 
     place: int
@@ -50,8 +50,8 @@ class TimeColumn:
 
 
 def find_time(names: Sequence[str], told: TableForm) -> int | None:
-    """The number of the field of the time: the told one, else `time_s`, else the first that is one by its name;
-    None where there is none.
+    """The number of the field of the time: the told one, else `time_s`, else the first that is one by its
+    name; None where there is none.
     """
     if told.time is not None:
         return names.index(told.time) if told.time in names else None

@@ -99,7 +99,7 @@ class LineCounts:
     headers: int
     remarks: int
     malformed: int
-    """Lines of data whose time, or all of whose fields, cannot be read, or with the wrong number of fields."""
+    """Lines of data whose time or none of whose fields can be read, or with another number of them."""
     oversized: int
     undescribed: int
     """Lines of data before any header."""
