@@ -150,7 +150,7 @@ class _Picker:
         *ended, begun = (self._partial + data).split(b"\n")
         # The rest of a line that is too long for any is the decoder's to refuse, by what is left of it.
         self._partial = begun[: LONGEST_LINE + 1]
-        return b"".join(self._wanted(line.strip()) for line in ended)
+        return b"".join(self._wanted(line.strip(b" \r")) for line in ended)
 
     def interrupted(self) -> None:
         """Forget a line that has begun."""
@@ -163,7 +163,7 @@ class _Picker:
         if not line.startswith(self._prefix) or not (whole or self._prefix):
             self.skipped += bool(line)
             return b""
-        rest = line[len(self._prefix) :].strip()
+        rest = line[len(self._prefix) :].strip(b" ")
         if self._fields is not None:
             if not rest[:1].isdigit():
                 self.skipped += bool(rest)

@@ -180,9 +180,10 @@ class LineDecoder:
             if self._too_long:
                 self._too_long = False
             else:
-                line = bytes(self._partial).strip()
+                # Tabs may stand for fields that are empty.
+                line = bytes(self._partial).strip(b" \r")
                 self._partial.clear()
-                if line:
+                if line.strip():
                     received += self._line(line, host_s)
             self._whole = True
         self._extend(begun)
@@ -208,7 +209,7 @@ class LineDecoder:
 
     def _line(self, line: bytes, host_s: float) -> list[Received]:
         text = line.decode(errors="replace")
-        names = self.format.split(text.lstrip("#").strip())
+        names = self.format.split(text.lstrip("#").strip(" "))
         if not line.isascii():
             return self._data(names, host_s)
         header = self._header(text, tuple(names))
