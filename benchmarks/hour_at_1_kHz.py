@@ -1,4 +1,4 @@
-"""Time and memory of reading an hour at 1 kHz, 3.6 million rows of 20 channels, each way in a process of its own.
+"""Time and memory of reading an hour at 1 kHz, 3.6 million rows of 20 channels, in processes of their own.
 
     .venv/bin/python benchmarks/hour_at_1_kHz.py [--rows N]
 
@@ -9,6 +9,7 @@ import argparse
 import multiprocessing
 import resource
 import time
+from multiprocessing.queues import SimpleQueue
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -32,7 +33,7 @@ def write(path: Path, rows: int) -> None:
             stream.write("".join(form % tuple(row) for row in table.tolist()))
 
 
-def measured(act: str, path: Path, answer: "multiprocessing.SimpleQueue[tuple[int, float, float, float]]") -> None:
+def measured(act: str, path: Path, answer: SimpleQueue) -> None:
     """Rows, seconds, and the largest resident memory before and after [MB]."""
     from softfuse.hardware.record.convert import convert_frames
     from softfuse.hardware.recording import read_recording

@@ -22,9 +22,7 @@ SUFFIXES = (".mcap", ".csv", ".csv.gz", ".parquet")
 SESSION = ".mcap"
 
 
-def convert_frames(
-    source: Path, target: Path, *, form: TableForm = FOUND, overwrite: bool = False
-) -> int:
+def convert_frames(source: Path, target: Path, *, form: TableForm = FOUND, overwrite: bool = False) -> int:
     """Write the frames of one file as another, and return how many; form: how a CSV is written, as far
     as it is told.
 

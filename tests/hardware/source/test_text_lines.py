@@ -40,7 +40,7 @@ MUCA = ",".join(str(4000 + k) for k in range(252)) + "\r\n"
         ("mpr121-bare-conductive", BARE_CONDUCTIVE, {"e0": "row0", "e12": "near"}, [[701.0, 713.0]]),
         ("mpr121-adafruit", ADAFRUIT, {"e11": "row1", "e0": "row0"}, [[12.0, 1.0]]),
         ("fdc1004-single", FDC_SINGLE, {"pF": "module0_pF"}, [[3.1415], [NAN], [-2.7183]]),
-        ("fdc1004-multi", FDC_MULTI, {"pF1": "b_pF", "pF0": "a_pF"}, [[2.5, 1.25], [NAN, 1.26], [2.51, 1.27]]),
+        ("fdc1004-multi", FDC_MULTI, {"pF1": "b", "pF0": "a"}, [[2.5, 1.25], [NAN, 1.26], [2.51, 1.27]]),
         ("trill-craft", TRILL, {"c29": "col7", "c0": "col0"}, [[29.0, 0.0]]),
         ("muca", MUCA, {"c0": "first", "c251": "last"}, [[4000.0, 4251.0]]),
     ],
