@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 
 
 class FrameTime(NamedTuple):
-    """Time of a frame and step to it [s], whether it is later than the last one, and whether it is the first.
-    """
+    """Time of a frame and step to it [s], whether it is later than the last one, and whether it is the first."""
 
     now_s: Float[Array, ""]
     dt_s: Float[Array, ""]

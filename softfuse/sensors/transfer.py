@@ -22,8 +22,7 @@ def number(value: Any) -> float:
 
 
 def in_output(volts: Dimension, digital: Dimension | None = None) -> BeforeValidator:
-    """Reads a quantity in the output's unit: of one dimension for volts, of another or none for digital ones.
-    """
+    """Reads a quantity in the output's unit: of one dimension for volts, of another or none for digital ones."""
 
     def parse(value: Any, info: ValidationInfo) -> float:
         if info.data.get("output", "volts") == "volts":
@@ -34,8 +33,7 @@ def in_output(volts: Dimension, digital: Dimension | None = None) -> BeforeValid
 
 
 def of_part(data: Any, parts: Mapping[str, Mapping[str, Any]], default: str | None = None) -> Any:
-    """Settings with the constants of the part that they name; a part that is not known is left to be refused.
-    """
+    """Settings with the constants of the part that they name; a part that is not known is left to be refused."""
     if not isinstance(data, Mapping):
         return data
     return {**parts.get(data.get("part", default), {}), **data}
