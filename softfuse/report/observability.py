@@ -166,8 +166,8 @@ def expected(
     workspace, named = robot.workspaces[slot], named_places(robot.settings, settings.name)
     if workspace is None and not named:
         raise ConfigError(
-            f'{robot.settings.path}: contact "{settings.name}": nothing says where it may be: give its surface, '
-            "or electrodes that see it"
+            f'{robot.settings.path}: contact "{settings.name}": nothing says where it may be: give its '
+            "surface, or electrodes that see it"
         )
     places = np.stack([*named.values()]) if workspace is None else workspace.grid(side)[0]
     model = replace(robot.model, contacts=(robot.model.contacts[number],), slots=())

@@ -1,8 +1,8 @@
 """What the frames of a recording say about a robot: columns, errors against truth, shapes worth keeping.
 
-A study sees every frame and can then be asked. Whatever part a robot has, and whatever the recording knows about it,
-is compared: places and forces of contacts (Tables I and II of Navarro et al. 2020), forces at places with names,
-contacts that are missed and forces that are none, positions of points (Table III).
+A study sees every frame and can then be asked. Whatever part a robot has, and whatever the recording knows
+about it, is compared: places and forces of contacts (Tables I and II of Navarro et al. 2020), forces at
+places with names, contacts that are missed and forces that are none, positions of points (Table III).
 """
 
 import math
@@ -168,7 +168,9 @@ class Study:
     @property
     def matched(self):
         """Contacts of which each has a true place of its own, beside those that were found."""
-        return None if any(self.columns.named) else matched_contacts(self.found, self.truth, self.columns.slots)
+        return (
+            None if any(self.columns.named) else matched_contacts(self.found, self.truth, self.columns.slots)
+        )
 
     @property
     def contact_samples(self) -> ContactSamples | None:
@@ -179,9 +181,7 @@ class Study:
             return None
         found = np.stack([self.place(slot) for slot in range(len(self.columns.slots))], axis=1)
         force = np.array([row.contact_force_N for row in self.found])
-        return ContactSamples(
-            truth.level[at], found[at], force[at], truth.place[at], truth.contact_N[at]
-        )
+        return ContactSamples(truth.level[at], found[at], force[at], truth.place[at], truth.contact_N[at])
 
     @property
     def place_names(self) -> list[str]:
@@ -271,7 +271,9 @@ def contact_errors(samples: Samples, key: str = "", of: str = "") -> list[ErrorT
     location = scaled(location_table(samples), 1e3)
     force = scaled(force_table(samples), 100.0)
     return [
-        ErrorTable(f"{key}location_error_mm", f"Table I{of}: location error", f"location error{of}", "mm", location),
+        ErrorTable(
+            f"{key}location_error_mm", f"Table I{of}: location error", f"location error{of}", "mm", location
+        ),
         ErrorTable(f"{key}force_error_percent", f"Table II{of}: force error", f"force error{of}", "%", force),
     ]
 

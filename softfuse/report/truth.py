@@ -131,8 +131,8 @@ def _contacts(
             place = _first(recording, f"true_{slot}_place", f"true_contact{k}_electrode")
             if place is None:
                 raise RecordingError(
-                    f"the recording {recording.path} lacks the column 'true_{slot}_place': where the force in "
-                    f"{force!r} is"
+                    f"the recording {recording.path} lacks the column 'true_{slot}_place': where the force "
+                    f"in {force!r} is"
                 )
             places.append(_whole(recording.numbered(place, names, unknown=NOWHERE), NOWHERE))
     n = len(recording.time_s)

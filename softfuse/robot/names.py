@@ -1,4 +1,5 @@
-"""What the parts of a robot are called in columns of files, in topics and series: names of letters and digits.
+"""What the parts of a robot are called in columns of files, in topics and series: names of letters and
+digits.
 
 Columns end with the unit: `<name>_mm`, `<name>_N`. Truth columns begin with `true_`.
 """

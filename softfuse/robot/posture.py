@@ -1,4 +1,5 @@
-"""What one state of a robot means for people: where its named points are, how it is bent, what its actuators do.
+"""What one state of a robot means for people: where its named points are, how it is bent, what its actuators
+do.
 
 Points are carried by the nodes of the element that they lie in, x = Σ_a N_a x_a. Bending is that of
 `functional.centreline`. A contact presses where its patch of the surface is now, along the current normal.
