@@ -1,6 +1,5 @@
-"""Write a recording of the virtual finger of softfuse.experiment.finger_bed; called by finger-recording."""
+"""Write a recording of a virtual finger that rigid tips push on; called by finger-recording."""
 
-import dataclasses
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -8,15 +7,16 @@ from typing import Annotated
 import typer
 
 from softfuse.cli.computing import prepare_jax
-from softfuse.cli.terminal import Quiet, stderr, stdout, tracked
+from softfuse.cli.terminal import Quiet, stderr, stdout, tracked_calls
 from softfuse.errors import SoftfuseError
-from softfuse.experiment.finger_bed import (
-    CABLE_ALONE,
-    TABLE_III,
-    TWO_CONTACTS,
-    BedSettings,
-    write_finger_recording,
-)
+from softfuse.experiment.paper.bed import finger_bed
+from softfuse.experiment.paper.pushes import CABLE_ALONE, TABLE_III, TWO_CONTACTS
+from softfuse.experiment.performance import in_turn
+from softfuse.experiment.recording_file import write_recording
+from softfuse.robot.body import FingerSource
+from softfuse.robot.file import load
+
+CONFIG = Path(__file__).parents[1] / "configs" / "finger.toml"
 
 
 class Scenario(StrEnum):
@@ -42,17 +42,13 @@ def main(
 ) -> None:
     """Push on a virtual finger and write what its sensors say."""
     prepare_jax()
-    usual = BedSettings(pushes=PUSHES[scenario])
-    errors = dataclasses.replace(usual.finger.errors, seed=seed)
-    settings = dataclasses.replace(
-        usual,
-        finger=dataclasses.replace(usual.finger, errors=errors),
-        electronics=dataclasses.replace(usual.electronics, seed=seed + 1),
-    )
-    bar = tracked(range(settings.equilibria), "solving", total=settings.equilibria, quiet=quiet)
-    next(bar)
     try:
-        write_finger_recording(path, settings, solved=lambda: next(bar, None))
+        settings = load(CONFIG)
+        assert isinstance(settings.body.source, FingerSource)
+        bed = finger_bed(settings, settings.body.source, PUSHES[scenario], seed=seed)
+        with tracked_calls("solving", total=bed.equilibria, quiet=quiet) as solved:
+            played = in_turn(bed.played(None, solved))
+        write_recording(path, played.recording(seed, 1))
     except SoftfuseError as error:
         stderr.print(f"error: {error}", markup=False, highlight=False, soft_wrap=True)
         raise SystemExit(2) from None

@@ -7,7 +7,7 @@ import typer
 
 from softfuse.cli.terminal import stderr, stdout
 from softfuse.report.mutual_figures import fig_11
-from softfuse.experiment.virtual_mutual import MutualBed
+from softfuse.experiment.paper.mutual_bed import MutualBed
 
 
 def main(path: Annotated[Path, typer.Argument(help="Picture to write: .png, .svg or .pdf.")]) -> None:

@@ -20,6 +20,7 @@ from softfuse.cli.evaluate import evaluate
 from softfuse.cli.mesh import mesh
 from softfuse.cli.observe import observe
 from softfuse.cli.reduce import reduce
+from softfuse.cli.record_virtual import record_virtual
 from softfuse.cli.replay import replay
 from softfuse.cli.run import run
 from softfuse.cli.simulate import simulate
@@ -47,6 +48,7 @@ app.command()(evaluate)
 app.command()(run)
 app.command()(replay)
 app.command()(convert)
+app.command()(record_virtual)
 app.command()(virtual_device)
 app.command()(testbed)
 app.command()(doctor)

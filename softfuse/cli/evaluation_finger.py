@@ -11,14 +11,14 @@ from softfuse.cli.finger_study import FingerStudy
 from softfuse.cli.study import AbstractStudy
 from softfuse.experiment import finger_figures, shape_figures
 from softfuse.experiment.accuracy import scaled, together
+from softfuse.report.comparison import Comparison
 from softfuse.experiment.contact_accuracy import ContactSamples, contact_force_table
-from softfuse.experiment.paper import POSITION_ERROR_MM
+from softfuse.report.figures import flat_triangles
+from softfuse.experiment.paper.reported import POSITION_ERROR_MM
 from softfuse.experiment.pose_cache import Arrays
 from softfuse.experiment.shape_accuracy import PULLED_M, ShapeSamples, position_table
-from softfuse.mesh.surface import outer_surface
-from softfuse.report.comparison import Comparison
-from softfuse.report.figures import flat_triangles
 from softfuse.report.shape_figures import Shape
+from softfuse.mesh.surface import outer_surface
 from softfuse.robot.file import RobotSettings
 from softfuse.robot.mesh import build_mesh
 

@@ -8,14 +8,14 @@ import numpy as np
 from softfuse.cli.evaluation_report import Evaluation, Evaluator, Plate
 from softfuse.cli.pad_study import PadStudy, cavity_outlines_mm, workspace_mm
 from softfuse.cli.study import AbstractStudy
-from softfuse.experiment.accuracy import Samples, coverage, force_table, location_table, scaled, together
-from softfuse.experiment.paper import FORCE_ERROR_PERCENT, LOCATION_ERROR_MM
-from softfuse.experiment.pose_cache import Arrays
-from softfuse.experiment.virtual_mutual import MutualBed
 from softfuse.report import figures
+from softfuse.experiment.accuracy import Samples, coverage, force_table, location_table, scaled, together
 from softfuse.report.comparison import Comparison
 from softfuse.report.mutual_figures import fig_11
+from softfuse.experiment.paper.reported import FORCE_ERROR_PERCENT, LOCATION_ERROR_MM
+from softfuse.experiment.pose_cache import Arrays
 from softfuse.report.page import table
+from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.robot.file import RobotSettings
 from softfuse.robot.mesh import build_mesh
 

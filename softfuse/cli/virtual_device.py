@@ -1,4 +1,4 @@
-"""softfuse virtual-device: a device that is not there, on a port of this computer."""
+"""softfuse virtual-device: a robot that is not there, on a port of this computer."""
 
 import math
 from collections.abc import Sequence
@@ -11,26 +11,25 @@ import typer
 
 from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.terminal import Quiet, busy, stdout
-from softfuse.cli.virtual_boards import TruthFile, boards_of, line_seed
-from softfuse.cli.virtual_faults import HELP, parse_faults
 from softfuse.errors import SoftfuseError
-from softfuse.experiment.build_virtual import VirtualBody, build_virtual
+from softfuse.experiment.performance import Performance, shown
 from softfuse.hardware.stream import HostClock
 from softfuse.hardware.virtual.board_clock import BoardClock
+from softfuse.hardware.virtual.boards import BoardChannels, TruthFile, boards_of, line_seed
+from softfuse.hardware.virtual.faults import HELP, parse_faults
 from softfuse.hardware.virtual.line_faults import FaultyLine
 from softfuse.hardware.virtual.outlet import AbstractOutlet
 from softfuse.hardware.virtual.pseudo_terminal import PseudoTerminal
 from softfuse.hardware.virtual.serving import AsFastAsRead, RealTime, VirtualDevice, VirtualPort
 from softfuse.hardware.virtual.tcp_port import TcpPort
 from softfuse.robot.file import load
-from softfuse.robot.settings import RobotSettings
 
 _USUAL_HZ = 100.0
 _FASTEST = "max"
 
 
 def virtual_device(
-    config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
+    config: Annotated[Path, typer.Argument(help="Configuration of the robot (TOML).")],
     tcp: Annotated[
         int | None,
         typer.Option(help="TCP port on loopback (0: any), no pseudo-terminal; a second board has the next."),
@@ -42,28 +41,32 @@ def virtual_device(
     rate: Annotated[
         str, typer.Option(help='Samples per second, or "max": of 100 Hz each, as fast as they are read.')
     ] = "100",
-    boards: Annotated[int, typer.Option(min=1, max=2, help="2: electrodes and the rest apart.")] = 1,
+    boards: Annotated[
+        int, typer.Option(min=1, max=2, help="2: sensors that see contacts, and the rest.")
+    ] = 1,
     fault: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help=HELP)] = None,
     seed: Annotated[int, typer.Option(min=0, help="Other zeros, gains, noise and accidents.")] = 0,
     truth: Annotated[Path | None, typer.Option(help="File for the true values (CSV).")] = None,
     for_s: Annotated[float | None, typer.Option("--for", help="End after so many seconds.")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Act as the device: press on a virtual body and send what its sensors say on a port, again and again."""
+    """Act as the robot: press and drive a virtual one and send what its sensors say on a port, again and again."""
     settings = load(config)
     rate_Hz = _rate(rate)
     if for_s is not None and not 0 < for_s < math.inf:
         raise SoftfuseError(f"--for {for_s:g}: give how long in seconds")
     outlets = _outlets(tcp, link, boards)
-    faults = parse_faults(fault or [], () if settings.sensors is None else settings.sensors.channels)
-    body = _body(settings, seed, quiet)
+    faults = parse_faults(fault or [], settings.channels)
+    with busy("pressing, once for each configuration", quiet=quiet):
+        played = shown(settings, folder=platformdirs.user_cache_path("softfuse") / "virtual")
+    programme = played.programme()
     with ExitStack() as stack:
         written = None
         if truth is not None:
-            file = TruthFile(truth, body.programme, HostClock().now_s())
+            file = TruthFile(truth, programme.truth_at, programme.stepped, HostClock().now_s())
             stack.callback(file.close)
             written = file.write
-        made = boards_of(body, settings.device.name, boards, rate_Hz, faults, seed, written)
+        made = boards_of(_parts(played, boards, seed), rate_Hz, faults, seed, written)
         ports = [
             VirtualPort(board, FaultyLine(faults.line, line_seed(seed, k)), outlets[k])
             for k, board in enumerate(made)
@@ -103,10 +106,20 @@ def _outlets(tcp: int | None, link: Path | None, boards: int) -> list[list[Abstr
     return found
 
 
-def _body(settings: RobotSettings, seed: int, quiet: bool) -> VirtualBody:
-    folder = platformdirs.user_cache_path("softfuse") / "virtual"
-    with busy("pressing, once for each configuration", quiet=quiet):
-        return build_virtual(settings, folder=folder, seed=seed)
+def _parts(played: Performance, boards: int, seed: int) -> list[BoardChannels]:
+    """The channels of each board."""
+    programme, electronics, name = played.programme(), played.electronics(seed), played.robot.made.name
+    names = [name] if boards == 1 else [f"{name} contacts", f"{name} readings"]
+    each = [programme.channels] if boards == 1 else played.apart
+    return [
+        BoardChannels(
+            called,
+            own,
+            programme.only(own).at,
+            electronics.taken([programme.channels.index(channel) for channel in own]),
+        )
+        for called, own in zip(names, each, strict=True)
+    ]
 
 
 def _tell_ports(ports: Sequence[VirtualPort]) -> None:

@@ -268,7 +268,7 @@ class Tracker:
             pressing[self._by_readings] = unseen[self._by_readings] = True
         for c in np.flatnonzero(unseen):
             workspace = self.robot.workspaces[c]
-            if np.isnan(sigma[c]).any() and workspace is not None:
+            if not np.isfinite(sigma[c]).all() and workspace is not None:
                 sigma[c] = workspace.extent_m
         return Seen(pressing, unseen, np.array(now.places), location, sigma)
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.experiment.virtual_mutual import MutualBed
+from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.report.figures import blank
 from softfuse.sensors.mutual.field import Thing
 

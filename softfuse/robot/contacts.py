@@ -1,7 +1,7 @@
 """Settings of what may touch a body: how it presses, and where on the surface it may."""
 
 from abc import abstractmethod
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import jax.numpy as jnp
 import numpy as np
@@ -89,6 +89,10 @@ class ContactSettings(Settings):
     def forces(self) -> int:
         """With how many forces one contact is driven."""
 
+    @abstractmethod
+    def real(self, skin: float) -> Self:
+        """What really presses: one thing, through a further soft layer of a compliance [m/Pa]."""
+
     @property
     def ranges(self) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"]]:
         """The lowest and highest coordinates (2,) [m] in the chart."""
@@ -122,6 +126,10 @@ class DiscSettings(ContactSettings):
         flat = FlatChart.along(self.direction)
         outermost = np.min(np.asarray(rest)[np.unique(faces)] @ np.asarray(flat.direction))
         return FlatChart(outermost * flat.direction, flat.axes, flat.direction)
+
+    def real(self, skin):
+        """The same disc, through both layers."""
+        return self.model_copy(update={"compliance": self.compliance + skin})
 
     @property
     def ranges(self):
@@ -192,6 +200,11 @@ class PatchSettings(ContactSettings):
         if self.surface is None:
             return None
         return SurfaceWorkspace.over(rest, faces, self.surface.holds, _SPACING * self.radius)
+
+    def real(self, skin):
+        """One patch; its pressure is even, with a layer or without."""
+        del skin
+        return self.model_copy(update={"span": None})
 
     @property
     def forces(self):

@@ -295,16 +295,22 @@ class SensorSettings(Settings):
         parts: "Parts",
         time_s: Float[np.ndarray, " m"],
         values: Float[np.ndarray, "m k"],
-        seed: Sequence[int],
+        made: Sequence[int],
+        read: Sequence[int],
     ) -> Float[np.ndarray, "m n"]:
-        """Raw readings (m, n) of real parts at increasing times (m,) [s]; the same for the same seed."""
-        made, read = map(np.random.default_rng, np.random.SeedSequence(list(seed)).spawn(2))
-        return read_channels(self.electronics(parts, made), read, time_s, self.ideal(parts, time_s, values))
+        """Raw readings (m, n) at increasing times (m,) [s] of real parts that one seed decides about, with the noise of
+        another.
+        """
+        drawn, noise = (np.random.default_rng(np.random.SeedSequence(list(seed))) for seed in (made, read))
+        ideal = self.ideal(parts, time_s, values)
+        return read_channels(self.electronics(parts, drawn), noise, time_s, ideal)
 
     def _one_each(self, key: str, values: Sequence[object], count: int) -> None:
         """Raise the error of a validator unless there is one value, or one for each of so many."""
         if len(values) not in (1, count):
-            raise wrong_value(f"{len(values)} values for {count}: give one, or one for each", key=key)
+            raise wrong_value(
+                f"{len(values)} values for {count} channels: give one, or one for each", key=key
+            )
 
     def _wrong(self, message: str) -> ConfigError:
         return ConfigError(f'sensor "{self.name}": {message}')

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from softfuse.errors import ConfigError
-from softfuse.experiment.virtual_mutual import MutualBed
+from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.sensors.capacitive import capacitive_array
 from softfuse.sensors.mutual.field import MutualField, Thing
 from softfuse.sensors.mutual.fit import fit_sources, nothing_known, splitting
