@@ -1,4 +1,4 @@
-"""What the sensors of a robot can be expected to tell of a contact, all over where it may be: table and page."""
+"""What the sensors of a robot can be expected to tell of a contact, all over where it may be."""
 
 import csv
 from collections.abc import Callable

@@ -18,7 +18,7 @@ _SIGNS = {"+": " plus ", "-": " minus "}
 
 
 def safe_name(name: str) -> str:
-    """The letters and digits of a name, with underscores for what is between them: "minus_plus" of "(-,+)"."""
+    """The letters and digits of a name, with underscores between them: "minus_plus" of "(-,+)"."""
     spelt = re.sub(r"(?<!\w)[+-]|[+-](?!\w)", lambda sign: _SIGNS[sign[0]], name)
     return re.sub(r"\W+|_+", "_", spelt).strip("_") or "unnamed"
 

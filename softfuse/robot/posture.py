@@ -65,7 +65,7 @@ class _Carried(eqx.Module):
 
 
 class Watched(eqx.Module):
-    """The points, the centreline if there is one, and the chambers of a robot, and its outward faces (f, s)."""
+    """The points, the centreline if there is one, the chambers of a robot, and its outward faces (f, s)."""
 
     model: Model
     points: _Carried
