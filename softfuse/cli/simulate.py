@@ -1,4 +1,6 @@
-"""softfuse simulate: press on a robot, pull its cables, inflate its chambers: its shape, and what its sensors read."""
+"""softfuse simulate: press on a robot, pull its cables, inflate its chambers: its shape, and what its sensors
+read.
+"""
 
 import json
 from pathlib import Path
@@ -57,8 +59,12 @@ def simulate(
 def presses(contacts: list[str], places: list[str], forces: list[float]) -> list[Press]:
     """The presses of options that are given once for each; SoftfuseError where they do not go together."""
     if len(places) != len(forces):
-        raise SoftfuseError(f"{len(places)} times --at and {len(forces)} times --force: give both for each press")
+        raise SoftfuseError(
+            f"{len(places)} times --at and {len(forces)} times --force: give both for each press"
+        )
     if len(contacts) not in (0, len(places)):
-        raise SoftfuseError(f"{len(contacts)} times --contact for {len(places)} times --at: give one for each")
+        raise SoftfuseError(
+            f"{len(contacts)} times --contact for {len(places)} times --at: give one for each"
+        )
     names: list[str | None] = [*contacts] or [None] * len(places)
     return [Press(*each) for each in zip(names, places, forces, strict=True)]

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 from softfuse.cli.recorded import sensor_columns
-from softfuse.cli.sources import connection_of, driver_of
 from softfuse.cli.testbed_files import Outputs
 from softfuse.errors import ConfigError, HardwareError
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.record.entries import FrameEntry
+from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 from softfuse.hardware.testbed.gathering import ForceAxis, Gathering

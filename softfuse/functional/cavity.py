@@ -8,6 +8,7 @@ theorem; Navarro et al. 2020, eq. 8.
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from softfuse.body.quadrature import TRIANGLE_6
@@ -34,3 +35,10 @@ class Cavity(Functional):
     def __call__(self, positions: Float[Array, "k 3"]) -> Float[Array, ""]:
         """Enclosed volume [m³] at node positions (k, 3) m."""
         return jnp.sum(jax.vmap(cone_volume)(positions[self.faces]))
+
+
+def enclosed_volume(faces: Int[np.ndarray, "f s"], nodes: Float[np.ndarray, "k 3"]) -> float:
+    """The volume [m³] that faces (f, 3) or (f, 6) of nodes (k, 3) m enclose, their edges as curved as they
+    are.
+    """
+    return float(Cavity(jnp.asarray(faces))(jnp.asarray(nodes)))
