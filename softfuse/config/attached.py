@@ -25,6 +25,7 @@ from softfuse.config.settings import Direction, NotEmpty, Settings, Vector, list
 from softfuse.mechanics.cable import PulledCable
 from softfuse.mechanics.gas import SealedGas
 from softfuse.functional.cavity import Cavity
+from softfuse.mesh.tetmesh import edge_lengths, tet_mesh
 
 
 def _apart(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
@@ -34,6 +35,15 @@ def _apart(points: tuple[Vector, ...]) -> tuple[Vector, ...]:
     return points
 
 
+def surface_tolerance(body: AbstractBody) -> float:
+    """How far [m] outside a body points may be that are meant to be on its surface: a tenth of its mean edge.
+
+    Where a mesh of edges ℓ has flat faces on a surface of radius r, what is on the surface is ℓ²/8r outside.
+    """
+    corners = tet_mesh(body.rest, np.asarray(body.tets)[:, :4])
+    return 0.1 * float(edge_lengths(corners).mean())
+
+
 Path3 = Annotated[tuple[Vector, ...], NotEmpty, AfterValidator(_apart)]
 """Points (g, 3) m along a line, each apart from the one before."""
 
@@ -41,6 +51,8 @@ Path3 = Annotated[tuple[Vector, ...], NotEmpty, AfterValidator(_apart)]
 class CableSettings(Settings):
     """A cable from pulled_at (3,) m through guides (g, 3) m in the body; its end holds a ball of
     anchor_radius in m around the last one: a point would sink in without limit as the mesh gets finer.
+    Guides up to guide_tolerance in m outside the body are put onto its surface, a tenth of the mesh's mean
+    edge where it is left out.
 
     friction [-]: μ at the guides; compliance in m/N: by how much the cable itself gets longer; max_tension in
     N; tension_rate in N/s and length_rate in m/s: how fast its tension and its length may change, None for
@@ -54,6 +66,7 @@ class CableSettings(Settings):
     friction: Annotated[Number, Ge(0)] = 0.0
     # Left out of digests where it is 0: charts made before there were such cables are still good.
     compliance: Annotated[Compliance, Ge(0)] = Field(default=0.0, exclude_if=lambda given: given == 0)
+    guide_tolerance: Annotated[Length, Ge(0)] | None = None
     max_tension: PositiveForce
     tension_rate: PositiveForceRate | None = None
     length_rate: PositiveVelocity | None = None
@@ -65,7 +78,8 @@ class CableSettings(Settings):
         return self
 
     def load(self, body: AbstractBody) -> PulledCable:
-        """The cable in a body at rest; raises MeshError for a guide outside it."""
+        """The cable in a body at rest; raises MeshError as `PulledCable.through` does."""
+        within = self.guide_tolerance
         return PulledCable.through(
             body,
             np.array(self.guides),
@@ -73,6 +87,7 @@ class CableSettings(Settings):
             friction=self.friction,
             compliance=self.compliance,
             anchor_radius=self.anchor_radius,
+            within=surface_tolerance(body) if within is None else within,
         )
 
 

@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from typing import Annotated, ClassVar, Literal, Self
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from softfuse.body.stiffness_field import TERMS
 from softfuse.config.cavity_shapes import AnyCavityShape
 from softfuse.config.material import Material
 from softfuse.config.quantity import Acceleration, Length, LengthUnit, Number, PositiveLength, wrong_value
-from softfuse.config.settings import ExistingFile, NotEmpty, Settings, Span, Vector
+from softfuse.config.settings import ExistingFile, NotEmpty, Settings, Span, Vector, listed
 from softfuse.design.layout_drawing import LayoutDrawing
 from softfuse.mesh.drawing import AbstractBlockDrawing
 from softfuse.mesh.files import read_mesh, read_surface
@@ -167,7 +167,7 @@ class SurfaceSource(BodySource):
 
     unit: the file's unit of length; edge_length: of the tetrahedra, m; inserts: closed surfaces in the same
     unit, each a region of its own; envelope: how far straight edges may be from the surface, as a fraction of
-    the body's diagonal.
+    the body's diagonal, a twentieth of edge_length where it is left out.
     """
 
     edges: ClassVar[tuple[str, ...]] = ("edge_length",)
@@ -177,7 +177,7 @@ class SurfaceSource(BodySource):
     unit: LengthUnit
     edge_length: PositiveLength
     inserts: tuple[ExistingFile, ...] = ()
-    envelope: Annotated[Number, Gt(0), Lt(1)] = 1e-3
+    envelope: Annotated[Number, Gt(0), Lt(1)] | None = None
 
     def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
         """The surface filled, with the cavities that it has; see `tetrahedralise` for the errors."""
@@ -204,16 +204,21 @@ Source = Annotated[
 
 
 class FixedSettings(Settings):
-    """Nodes within these ranges (m, ends included) cannot move; an axis that is left out does not matter."""
+    """Nodes within these ranges (m, ends included) cannot move; an axis that is left out does not matter.
+
+    group: a named group of the mesh's file, one of several where a list is given: what is in one of them and
+    in the ranges, if there are any (softfuse/mesh/groups.py).
+    """
 
     x: Span | None = None
     y: Span | None = None
     z: Span | None = None
+    group: Annotated[tuple[str, ...], NotEmpty, BeforeValidator(listed)] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.x is None and self.y is None and self.z is None:
-            raise wrong_value('give a range of x, y or z, such as z = ["0 mm", "0 mm"]')
+        if self.x is None and self.y is None and self.z is None and self.group is None:
+            raise wrong_value('give a range of x, y or z, such as z = ["0 mm", "0 mm"], or a group')
         return self
 
 

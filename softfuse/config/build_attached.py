@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from softfuse.body.base import AbstractBody
+from softfuse.config.attached import surface_tolerance
 from softfuse.config.device import DeviceConfig
 from softfuse.mechanics.load import AbstractLoad
 from softfuse.errors import ConfigError
@@ -21,7 +22,7 @@ def build_attached(
     """
     attached: list[AbstractLoad] = []
     for k, cable in enumerate(config.cables):
-        with config.told(f"cable[{k}].guides"):
+        with config.told(f"cable[{k}]"):
             attached.append(cable.load(body))
     if config.gas is not None:
         with config.told("gas"):
@@ -32,7 +33,8 @@ def build_attached(
 def build_points(config: DeviceConfig, body: AbstractBody) -> MaterialPoints:
     """The points of [[point]] in their order, none or more; ConfigError for one outside the body."""
     with config.told("point"):
-        return MaterialPoints.embedded(body, np.array([point.at for point in config.points]))
+        points = np.array([point.at for point in config.points])
+        return MaterialPoints.embedded(body, points, within=surface_tolerance(body))
 
 
 def build_centreline(config: DeviceConfig, body: AbstractBody) -> MaterialPoints:
@@ -40,4 +42,5 @@ def build_centreline(config: DeviceConfig, body: AbstractBody) -> MaterialPoints
     if config.centreline is None:
         raise ConfigError(f"{config.path}: centreline: missing, needed to tell how the body bends")
     with config.told("centreline.points"):
-        return MaterialPoints.embedded(body, np.array(config.centreline.points))
+        points = np.array(config.centreline.points)
+        return MaterialPoints.embedded(body, points, within=surface_tolerance(body))

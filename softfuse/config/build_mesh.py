@@ -1,7 +1,7 @@
 """From settings to the mesh of the body: its nodes and tetrahedra, its cavities, the nodes that are held."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool
@@ -9,9 +9,10 @@ from jaxtyping import Bool
 from softfuse.config.body import FixedSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.errors import ConfigError
+from softfuse.mesh.groups import group_nodes
 from softfuse.mesh.morph import reshaped_cavities
 from softfuse.mesh.surface import Surface, cavities
-from softfuse.mesh.tetmesh import TetMesh, linear, quadratic, tet_mesh
+from softfuse.mesh.tetmesh import TetMesh, linear, quadratic
 
 _TOUCH = 1e-6
 """Distance over the extent of the body up to which a node lies within the ranges of [body.fixed]."""
@@ -67,27 +68,30 @@ def _with_numbered_regions(config: DeviceConfig, mesh: TetMesh) -> TetMesh:
             f"{config.path}: body.material: {materials} materials for the {len(regions)} regions "
             f"{regions.tolist()} of the mesh: give one [[body.material]] for each"
         )
-    return tet_mesh(mesh.nodes, mesh.tets, region=number)
+    return replace(mesh, region=number.astype(np.int32))
 
 
 def _fixed_nodes(config: DeviceConfig, mesh: TetMesh) -> Bool[np.ndarray, " n"]:
-    inside = _within(config.body.fixed, mesh)
+    with config.told("body.fixed.group"):
+        inside = _within(config.body.fixed, mesh)
     if not inside.any():
         low, high = (1e3 * end(mesh.nodes, axis=0) for end in (np.min, np.max))
         raise ConfigError(
-            f"{config.path}: body.fixed: no node of the mesh is in these ranges; it reaches from "
+            f"{config.path}: body.fixed: no node of the mesh is in these ranges (and group); it reaches from "
             f"{low.round(3).tolist()} to {high.round(3).tolist()} mm"
         )
     if inside.all():
         raise ConfigError(
-            f"{config.path}: body.fixed: all nodes of the mesh are in these ranges: narrow them"
+            f"{config.path}: body.fixed: all nodes of the mesh are held: narrow the ranges or the group"
         )
     return inside
 
 
 def _within(fixed: FixedSettings, mesh: TetMesh) -> Bool[np.ndarray, " n"]:
     margin = _TOUCH * np.ptp(mesh.nodes, axis=0).max()
-    inside = np.ones(len(mesh.nodes), bool)
+    groups = fixed.group or ()
+    inside = np.any([group_nodes(mesh, name) for name in groups], axis=0) if groups else margin >= 0.0
+    inside = np.broadcast_to(inside, len(mesh.nodes)).copy()
     for axis, span in enumerate((fixed.x, fixed.y, fixed.z)):
         if span is not None:
             position = mesh.nodes[:, axis]

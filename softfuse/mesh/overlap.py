@@ -1,7 +1,7 @@
 """Closed parts of a surface that lie inside each other, cross or touch.
 
-Whether a part is inside another is judged by the volume that both have in common: all of the smaller one, none
-of it, or a piece, where they cross. CAD programs export assemblies with parts that penetrate or touch each
+Whether a part is inside another is judged by the volume that both have in common: all of the smaller one,
+none of it, or a piece, where they cross. CAD programs export assemblies with parts that penetrate or touch each
 other; those that are wound alike stand for one piece of material, or for one hole, and are united. Volumes
 and unions are exact to rounding (manifold3d).
 """
@@ -66,15 +66,15 @@ def nested_parts(
             if common > (1.0 - _SLIVER) * least:
                 if len((solids[big] - solids[small]).decompose()) != 2:
                     raise MeshError(
-                        f"{where} touch, the one inside the other: leave a wall between them, or cut the inner "
-                        "one out of the outer one in the CAD program"
+                        f"{where} touch, the one inside the other: leave a wall between them, or cut the "
+                        "inner one out of the outer one in the CAD program"
                     )
                 inside[small, big] = True
             elif common > _SLIVER * least or len((solids[j] + solids[k]).decompose()) < 2:
                 if (volume[j] > 0.0) != (volume[k] > 0.0):
                     raise MeshError(
-                        f"{where} cross or touch, and one of them is wound as a hole: cut it out of the other "
-                        "one in the CAD program, or turn its normals to join them"
+                        f"{where} cross or touch, and one of them is wound as a hole: cut it out of the "
+                        "other one in the CAD program, or turn its normals to join them"
                     )
                 joined[k, j] = True
     count, label = connected_components(joined, directed=False)
