@@ -16,7 +16,7 @@ from softfuse.cli.felt_presses import chosen_frames, felt_presses
 from softfuse.cli.finger_calibration import FingerCalibration
 from softfuse.cli.pad_calibration import PadCalibration
 from softfuse.cli.recorded import sensor_columns
-from softfuse.cli.terminal import Quiet, busy, counted, stdout
+from softfuse.cli.terminal import Quiet, busy, counted, out_file, stdout
 from softfuse.config import DeviceConfig, load, save_edited
 from softfuse.config.build_calibration import (
     adjustments_of_presses,
@@ -37,9 +37,7 @@ def calibrate(
     ],
     out: Annotated[
         Path,
-        typer.Option(
-            help="Configuration to write; beside it go a report, .html, and how sure a pad is, .npz."
-        ),
+        out_file(help="Configuration to write; beside it go a report, .html, and how sure a pad is, .npz."),
     ],
     presses: Annotated[
         str | None, typer.Option(help="Values of the column `press` to use, such as 0-4; default: all.")
@@ -110,5 +108,3 @@ def _check_out(out: Path) -> None:
     # Before minutes of work, not after them.
     if out.suffix != ".toml":
         raise SoftfuseError(f"--out {out}: give a file that ends with .toml")
-    if not out.parent.is_dir():
-        raise SoftfuseError(f"--out {out}: there is no folder {out.parent}")

@@ -16,7 +16,7 @@ from softfuse.cli.pad_study import PadStudy
 from softfuse.cli.recorded import sensor_columns, sensor_frames
 from softfuse.cli.recording_report import EstimateRows, all_errors, summary, write_report, write_shapes
 from softfuse.cli.study import AbstractStudy, ErrorTable, Estimated
-from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
+from softfuse.cli.terminal import Charts, Quiet, busy, out_folder, stdout, tracked
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
@@ -31,9 +31,7 @@ from softfuse.hardware.recording import Recording, read_recording
 def estimate(
     config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
     recording: Annotated[Path, typer.Argument(help="Recording of its sensors (.csv or .csv.gz).")],
-    out: Annotated[
-        Path, typer.Option(help="Folder for estimates.csv, joined.csv, summary.json and report.html.")
-    ],
+    out: Annotated[Path, out_folder("Folder for estimates.csv, joined.csv, summary.json and report.html.")],
     charts: Charts = None,
     every: Annotated[
         int, typer.Option(help="Estimate every so many frames only, and samples with truth.", min=1)

@@ -8,7 +8,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from softfuse.cli.terminal import Quiet, busy, stdout
+from softfuse.cli.terminal import Quiet, busy, out_file, stdout
 from softfuse.config import load
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.functional.cavity import Cavity
@@ -19,7 +19,7 @@ from softfuse.mesh.surface import Surface, boundary_faces
 
 def mesh(
     config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
-    out: Annotated[Path, typer.Option(help="File to write: .vtu, .vtk, .msh or .xdmf; lengths in metres.")],
+    out: Annotated[Path, out_file(help="File to write: .vtu, .vtk, .msh or .xdmf; lengths in metres.")],
     quiet: Quiet = False,
 ) -> None:
     """Build the mesh of a device, write it to a file and report its quality."""

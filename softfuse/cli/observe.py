@@ -9,7 +9,7 @@ import typer
 
 from softfuse.calibration.grid import Grid
 from softfuse.cli.estimate import make_folder
-from softfuse.cli.terminal import Quiet, busy, stdout, tracked_calls
+from softfuse.cli.terminal import Quiet, busy, out_folder, stdout, tracked_calls
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_model_error
@@ -22,7 +22,7 @@ from softfuse.experiment.report import page, picture, table
 
 def observe(
     config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
-    out: Annotated[Path, typer.Option(help="Folder for observability.csv and report.html.")],
+    out: Annotated[Path, out_folder("Folder for observability.csv and report.html.")],
     force: Annotated[float, typer.Option(help="Force of the contact in N.", min=0.01)] = 5.0,
     side: Annotated[int, typer.Option(help="Places in each direction.", min=2)] = 13,
     volume_sigma: Annotated[

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from softfuse.body.body import Body
-from softfuse.cli.terminal import Quiet, busy, stdout, tracked
+from softfuse.cli.terminal import Quiet, busy, out_folder, stdout, tracked
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_reduction import Teacher, build_regions, reduction_mark
@@ -18,7 +18,7 @@ from softfuse.rom.rest_stiffness import rest_stiffness
 
 def reduce(
     config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
-    out: Annotated[Path, typer.Option(help="Folder for the charts; those that are there already stay.")],
+    out: Annotated[Path, out_folder("Folder for the charts; those that are there already stay.")],
     quiet: Quiet = False,
 ) -> None:
     """Reduce a device for real time, a chart for each cell of its workspace or electrode; goes on where it

@@ -10,7 +10,7 @@ import typer
 from softfuse.cli.live_parts import estimating
 from softfuse.cli.live_picture import Pictures, scene_of
 from softfuse.cli.sources import driver_of
-from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
+from softfuse.cli.terminal import Charts, Quiet, busy, out_file, stdout, tracked
 from softfuse.config import load
 from softfuse.config.file import parse
 from softfuse.config.source import AnySource
@@ -33,7 +33,7 @@ def replay(
         float | None, typer.Option(help="Times the recorded speed; without it as fast as possible.", min=1e-3)
     ] = None,
     view: Annotated[bool, typer.Option("--view", help="Serve the live view to browsers.")] = False,
-    save_view: Annotated[Path | None, typer.Option(help="Save the live view to this file (.rrd).")] = None,
+    save_view: Annotated[Path | None, out_file(help="Save the live view to this file (.rrd).")] = None,
     bind: Annotated[str, typer.Option(help="Address that the live view listens on.")] = LOOPBACK,
     view_port: Annotated[int, typer.Option(help="Port of the live view's page.", min=1, max=65535)] = 9090,
     stream_port: Annotated[int, typer.Option(help="Port of the live view's data.", min=1, max=65535)] = 9876,

@@ -14,7 +14,7 @@ from softfuse.cli.live_display import LiveDisplay, besides_samples, latency
 from softfuse.cli.live_parts import estimating
 from softfuse.cli.live_picture import Pictures, scene_of
 from softfuse.cli.sources import connection_of, driver_of, session_info, sources_at
-from softfuse.cli.terminal import Charts, Quiet, busy, stderr, stdout
+from softfuse.cli.terminal import Charts, Quiet, busy, out_file, stderr, stdout
 from softfuse.config import DeviceConfig, load
 from softfuse.config.source import AnySource
 from softfuse.errors import ConfigError
@@ -37,9 +37,9 @@ def run(
         ),
     ] = None,
     baud: Annotated[int, typer.Option(help="Baud rate of these ports.", min=50)] = 115200,
-    record: Annotated[Path | None, typer.Option(help="Record everything to this file (.mcap).")] = None,
+    record: Annotated[Path | None, out_file(help="Record everything to this file (.mcap).")] = None,
     view: Annotated[bool, typer.Option("--view", help="Serve the live view to browsers.")] = False,
-    save_view: Annotated[Path | None, typer.Option(help="Save the live view to this file (.rrd).")] = None,
+    save_view: Annotated[Path | None, out_file(help="Save the live view to this file (.rrd).")] = None,
     bind: Annotated[
         str,
         typer.Option(help="Address that the live view listens on; 0.0.0.0 lets every computer look."),

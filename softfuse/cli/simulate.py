@@ -10,7 +10,8 @@ import typer
 
 from softfuse.cli.disc_trial import DiscTrial
 from softfuse.cli.electrode_trial import ElectrodeTrial
-from softfuse.cli.terminal import Quiet, busy, stdout
+from softfuse.cli.result_folder import writing
+from softfuse.cli.terminal import Quiet, busy, out_file, stdout
 from softfuse.cli.trial import AbstractTrial, Asked
 from softfuse.config import load
 from softfuse.config.build_device import build_device
@@ -42,8 +43,8 @@ def simulate(
         ContactModel | None,
         typer.Option(help="How the force of a disc is spread; default: the config's."),
     ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="File for the numbers.")] = None,
-    vtu: Annotated[Path | None, typer.Option(help="File for the deformed mesh (VTU).")] = None,
+    json_file: Annotated[Path | None, out_file("--json", help="File for the numbers.")] = None,
+    vtu: Annotated[Path | None, out_file(help="File for the deformed mesh (VTU).")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Press on a device or pull its cables, and report its shape and what its sensors read."""
@@ -67,7 +68,8 @@ def simulate(
         "result": result,
     }
     if json_file is not None:
-        json_file.write_text(json.dumps(numbers, indent=2) + "\n")
+        with writing(json_file):
+            json_file.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
     if vtu is not None:
         displacement = np.asarray(device.body.displacement(solution.state.z))
         write_mesh(vtu, mesh.mesh, point_data={"displacement": displacement})

@@ -10,7 +10,7 @@ import platformdirs
 import typer
 
 from softfuse.cli.interruption import termination_interrupts
-from softfuse.cli.terminal import Quiet, busy, stdout
+from softfuse.cli.terminal import Quiet, busy, out_file, stdout
 from softfuse.cli.virtual_boards import TruthFile, boards_of, line_seed
 from softfuse.cli.virtual_faults import HELP, parse_faults
 from softfuse.config import load
@@ -45,7 +45,7 @@ def virtual_device(
     boards: Annotated[int, typer.Option(min=1, max=2, help="2: electrodes and the rest apart.")] = 1,
     fault: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help=HELP)] = None,
     seed: Annotated[int, typer.Option(min=0, help="Other zeros, gains, noise and accidents.")] = 0,
-    truth: Annotated[Path | None, typer.Option(help="File for the true values (CSV).")] = None,
+    truth: Annotated[Path | None, out_file(help="File for the true values (CSV).")] = None,
     for_s: Annotated[float | None, typer.Option("--for", help="End after so many seconds.")] = None,
     quiet: Quiet = False,
 ) -> None:

@@ -22,10 +22,11 @@ from softfuse.config.build_sensors import (
 from softfuse.config.sensors import CapacitiveSettings, FlowSettings
 from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import ConfigError
+from softfuse.material import silicone
 from softfuse.mesh.files import write_mesh, write_surface
 from softfuse.mesh.shell import shell_of
 from softfuse.mesh.surface import centroid, enclosed_volume
-from softfuse.mesh.tetmesh import tet_mesh, volumes
+from softfuse.mesh.tetmesh import linear, tet_mesh, volumes
 from softfuse.sensing import CapacitiveArray, capacitive_array, d6f_p0001a1, peak_model, touch_detector
 
 Write = Callable[..., Path]
@@ -106,8 +107,8 @@ def test_fixed_ranges_are_joined_by_and(write: Write) -> None:
 @pytest.mark.parametrize(
     ("fixed", "told"),
     [
-        ('z = ["-2 mm", "-1 mm"]', "no node of the mesh is in these ranges; it reaches from"),
-        ('z = ["0 mm", "18 mm"]', "all nodes of the mesh are in these ranges: narrow them"),
+        ('z = ["-2 mm", "-1 mm"]', "no node of the mesh is in these ranges (and group); it reaches from"),
+        ('z = ["0 mm", "18 mm"]', "all nodes of the mesh are held: narrow the ranges"),
     ],
 )
 def test_a_wrong_fixed_region_is_told(write: Write, fixed: str, told: str) -> None:
@@ -272,3 +273,58 @@ def test_tables_that_are_needed_are_told(write: Write, pad_text: str, table: str
     path = write((pad_text[start:end], ""))
     with pytest.raises(ConfigError, match=rf"^{path}: {table}: missing, "):
         build_sensors(load(path))
+
+
+def _of_material(write: Write, keys: str) -> Path:
+    young = '# Dragon Skin 30; fit it to presses of known force\npoisson = 0.49\ndensity = "1080 kg/m^3"'
+    return write((f'law = "neo-hookean"\nyoung = "0.6 MPa"                               {young}', keys))
+
+
+def test_a_silicone_is_given_by_its_name(write: Write) -> None:
+    config = load(_of_material(write, 'silicone = "ecoflex 00-30"'))
+    (material,) = build_materials(config)
+    expected = silicone("Ecoflex 00-30", 0.49)
+    f = jnp.diag(jnp.array([1.5, 0.8, 0.9]))
+    assert float(material.energy(f)) == pytest.approx(float(expected.energy(f)), rel=1e-6)
+    assert config.body.materials[0].density == 1070.0
+    other = load(_of_material(write, 'silicone = "Dragon Skin 10"\nc1 = "30 kPa"\nbulk = "9 MPa"'))
+    (material,) = other.body.materials
+    assert (material.law, material.c1, material.c2, material.bulk) == ("yeoh", 30e3, 3.04e3, 9e6)
+    assert material.poisson is None
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ('silicone = "Playdough"', 'silicone: "Playdough" is not in the table: it has Ecoflex 00-30, '),
+        ('silicone = "Ecoflex 00-30"\nlaw = "ogden"', 'silicone: names a Yeoh law: remove law = "ogden"'),
+        ('silicone = "Ecoflex 00-30"\nyoung = "1 MPa"', "young: unknown key"),
+    ],
+)
+def test_a_silicone_that_cannot_be_is_told(write: Write, keys: str, told: str) -> None:
+    path = _of_material(write, keys)
+    with pytest.raises(ConfigError) as caught:
+        load(path)
+    assert str(caught.value).startswith(f"{path}: body.material[0].{told}")
+
+
+def test_nodes_are_held_by_a_group_of_the_file(write: Write, tmp_path: Path, pad_text: str) -> None:
+    pad = build_mesh(load(write(*COARSE))).mesh
+    low = (pad.nodes[:, 2] < 1e-9).astype(np.int32)
+    write_mesh(tmp_path / "pad.vtu", linear(pad), point_data={"base": low[: pad.n_corners]})
+    source = 'type = "mesh"\nfile = "pad.vtu"\nunit = "m"\n'
+    path = _from_file(pad_text, tmp_path, source)
+    text = path.read_text()
+
+    def held(fixed: str) -> np.ndarray:
+        path.write_text(text.replace('z = ["0 mm", "0 mm"]', fixed))
+        return build_mesh(load(path)).fixed
+
+    np.testing.assert_array_equal(held('group = "base"'), low)
+    both = held('group = ["base"]\nx = ["-40 mm", "0 mm"]')
+    np.testing.assert_array_equal(both, low * (pad.nodes[:, 0] < 1e-9))
+    with pytest.raises(ConfigError) as caught:
+        held('group = "top"')
+    assert str(caught.value) == (
+        f'{path}: body.fixed.group: the mesh has no group "top", its groups are: "base"'
+    )
