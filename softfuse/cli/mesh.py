@@ -56,7 +56,7 @@ def quality_table(name: str, cavities: list[str], device: DeviceMesh) -> Table:
 
 def _within(surface: Surface, device: DeviceMesh) -> float:
     """Volume in m³ that a surface encloses, its edges as curved as they are."""
-    return float(Cavity(jnp.asarray(surface.faces))(jnp.asarray(device.mesh.nodes)))
+    return float(Cavity.of(surface.faces)(jnp.asarray(device.mesh.nodes)))
 
 
 def _counts(quality: MeshQuality, device: DeviceMesh) -> list[tuple[str, str]]:

@@ -22,9 +22,9 @@ from softfuse.config.quantity import (
     wrong_value,
 )
 from softfuse.config.settings import Direction, NotEmpty, Settings, Vector, listed
+from softfuse.functional.cavity import Cavity
 from softfuse.mechanics.cable import PulledCable
 from softfuse.mechanics.gas import SealedGas
-from softfuse.functional.cavity import Cavity
 from softfuse.mesh.tetmesh import edge_lengths, tet_mesh
 
 

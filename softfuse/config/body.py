@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
 from annotated_types import Ge, Gt, Le, Lt
@@ -13,10 +14,13 @@ from softfuse.config.material import Material
 from softfuse.config.quantity import Acceleration, Length, LengthUnit, Number, PositiveLength, wrong_value
 from softfuse.config.settings import ExistingFile, NotEmpty, Settings, Span, Vector, listed
 from softfuse.design.layout_drawing import LayoutDrawing
+from softfuse.errors import MeshError
+from softfuse.mesh.chambers import hollowed
 from softfuse.mesh.drawing import AbstractBlockDrawing
 from softfuse.mesh.files import read_mesh, read_surface
 from softfuse.mesh.finger import FingerGeometry, finger_mesh
 from softfuse.mesh.pad import PadGeometry
+from softfuse.mesh.shell import Shell
 from softfuse.mesh.tetmesh import TetMesh
 from softfuse.mesh.tetrahedralise import tetrahedralise
 
@@ -35,11 +39,14 @@ class BodySource(Settings):
         return self.model_copy(update={key: getattr(self, key) / times for key in self.edges})
 
     @abstractmethod
-    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
-        """The mesh, linear or not, of the body with cavities at these centres (k, 3) m.
-
-        Raises MeshError when there is no such mesh.
+    def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
+        """The mesh, linear or not, of the body with cavities at these centres (k, 3) m, and with those whose
+        walls come from files. Raises MeshError when there is no such mesh.
         """
+
+    def chamber(self, file: Path) -> Shell:
+        """The walls of a chamber in a file beside the body's; MeshError where the body has no file."""
+        raise MeshError(f"a body of this type is drawn, not read: it has no chambers from files ({file})")
 
     def check_cavities(self, centres: Sequence[Vector]) -> None:
         """Raise the error of a validator when [[cavity]] asks for centres (k, 3) m that can never be."""
@@ -64,7 +71,7 @@ class BlockSource(BodySource):
     def drawing(self, cavity_centres: Sequence[Vector]) -> AbstractBlockDrawing:
         """The block with cavities at these centres (k, 3) m, which `check_cavities` has seen."""
 
-    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+    def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
         """The drawing's, as fine as configured."""
         return self.drawing(cavity_centres).mesh(
             self.surface_size, self.base_size, growth=self.growth, fine_depth=self.fine_depth
@@ -156,16 +163,27 @@ class FingerSource(BodySource):
             cavity_centres=tuple(cavity_centres),
         )
 
-    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+    def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
         """The same, meshed; see `finger_mesh` for the errors."""
         geometry = self.geometry(cavity_centres)
         return finger_mesh(geometry, self.wall_size, self.base_size, growth=self.growth)
 
 
-class SurfaceSource(BodySource):
+class FileSource(BodySource):
+    """A body in a file; unit: the file's unit of length."""
+
+    file: ExistingFile
+    unit: LengthUnit
+
+    def chamber(self, file: Path) -> Shell:
+        """The closed surface in another file of the same unit; see `read_surface` for the errors."""
+        return read_surface(file, scale=self.unit)
+
+
+class SurfaceSource(FileSource):
     """A closed surface (STL, OBJ, PLY, OFF) filled with tetrahedra; closed surfaces inside it are cavities.
 
-    unit: the file's unit of length; edge_length: of the tetrahedra, m; inserts: closed surfaces in the same
+    edge_length: of the tetrahedra, m; inserts: closed surfaces in the same
     unit, each a region of its own; envelope: how far straight edges may be from the surface, as a fraction of
     the body's diagonal, a twentieth of edge_length where it is left out.
     """
@@ -173,27 +191,25 @@ class SurfaceSource(BodySource):
     edges: ClassVar[tuple[str, ...]] = ("edge_length",)
 
     type: Literal["surface"]
-    file: ExistingFile
-    unit: LengthUnit
     edge_length: PositiveLength
     inserts: tuple[ExistingFile, ...] = ()
     envelope: Annotated[Number, Gt(0), Lt(1)] | None = None
 
-    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+    def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
         """The surface filled, with the cavities that it has; see `tetrahedralise` for the errors."""
         inserts = [read_surface(path, scale=self.unit) for path in self.inserts]
         shell = read_surface(self.file, scale=self.unit)
+        if chambers:
+            shell = hollowed(shell, chambers)
         return tetrahedralise(shell, self.edge_length, inserts=inserts, envelope=self.envelope)
 
 
-class MeshSource(BodySource):
-    """A tetrahedral mesh in any format that meshio reads; unit: the file's unit of length."""
+class MeshSource(FileSource):
+    """A mesh of solid cells in a file (softfuse/mesh/files.py)."""
 
     type: Literal["mesh"]
-    file: ExistingFile
-    unit: LengthUnit
 
-    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+    def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
         """The mesh in the file, with the cavities that it has; see `read_mesh` for the errors."""
         return read_mesh(self.file, scale=self.unit)
 

@@ -7,10 +7,10 @@ import numpy as np
 from softfuse.body.base import AbstractBody
 from softfuse.config.attached import surface_tolerance
 from softfuse.config.device import DeviceConfig
-from softfuse.mechanics.load import AbstractLoad
 from softfuse.errors import ConfigError
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.material_points import MaterialPoints
+from softfuse.mechanics.load import AbstractLoad
 
 
 def build_attached(

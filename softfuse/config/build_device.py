@@ -13,15 +13,15 @@ from softfuse.config.build_material import build_materials
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.contact import PatchSettings, PunchSettings, UniformSettings
 from softfuse.config.device import DeviceConfig
-from softfuse.mechanics.load import Loads
-from softfuse.mechanics.multifrontal import Multifrontal
-from softfuse.mechanics.patch import PatchContact
-from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import ConfigError
 from softfuse.estimation.device import Device
 from softfuse.estimation.estimator import StepSettings
 from softfuse.estimation.limits import Limits, Rates
 from softfuse.functional.cavity import Cavity
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.surface import outer_surface
 
 CONTACT_MODELS = {"punch": PunchSettings.cells, "uniform": UniformSettings.cells}
@@ -50,7 +50,7 @@ def build_device(config: DeviceConfig, mesh: DeviceMesh | None = None) -> Device
     contact = config.contact.contact(faces, mesh.mesh.nodes, config.electrodes)
     if isinstance(contact, PatchContact):
         _check_electrodes(config, contact, body)
-    cavities = tuple(Cavity(jnp.asarray(cavity.faces)) for cavity in mesh.cavities)
+    cavities = tuple(Cavity.of(cavity.faces) for cavity in mesh.cavities)
     attached = build_attached(config, body, cavities)
     vented = cavities if config.gas is None else ()
     gauges = tuple(range(Loads(attached).sizes.drives))

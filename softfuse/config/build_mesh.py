@@ -9,9 +9,11 @@ from jaxtyping import Bool
 from softfuse.config.body import FixedSettings
 from softfuse.config.device import DeviceConfig
 from softfuse.errors import ConfigError
+from softfuse.mesh.chambers import check_fit, open_void
 from softfuse.mesh.groups import group_nodes
 from softfuse.mesh.morph import reshaped_cavities
-from softfuse.mesh.surface import Surface, cavities
+from softfuse.mesh.shell import Shell
+from softfuse.mesh.surface import Surface, cavities, outer_surface
 from softfuse.mesh.tetmesh import TetMesh, linear, quadratic
 
 _TOUCH = 1e-6
@@ -36,17 +38,36 @@ def build_mesh(config: DeviceConfig) -> DeviceMesh:
     Raises ConfigError with the key's path when the source gives no valid mesh, it has another number of
     cavities or of regions than the configuration, the cavities as made do not fit, or no node is fixed.
     """
-    drawn = [cavity.centre for cavity in config.cavities]
+    source, closed = config.body.source, [each for each in config.cavities if each.mouth is None]
+    chambers: dict[str, Shell] = {}
+    for k, cavity in enumerate(config.cavities):
+        if cavity.file is not None:
+            with config.told(f"cavity[{k}].file"):
+                chambers[cavity.name] = source.chamber(cavity.file)
+    drawn = [cavity.centre for cavity in closed]
     with config.told("body.source"):
-        mesh = config.body.source.mesh(drawn)
-    centres = np.array(drawn).reshape(-1, 3)
-    shifts = np.array([cavity.shift for cavity in config.cavities]).reshape(-1, 3)
-    growths = np.array([cavity.growth for cavity in config.cavities]).reshape(-1, 3)
+        mesh = source.mesh(drawn, list(chambers.values()))
+        outer_surface(mesh)
+    centres, shifts, growths = (
+        np.array([getattr(cavity, key) for cavity in closed]).reshape(-1, 3)
+        for key in ("centre", "shift", "growth")
+    )
     with config.told("cavity"):
+        for cavity, wall in zip(closed, cavities(mesh, centres), strict=True):
+            if cavity.name in chambers:
+                check_fit(mesh, wall, chambers[cavity.name])
         if np.any(shifts) or np.any(growths):
             mesh = reshaped_cavities(mesh, shifts, growths, centres=centres)
         mesh = linear(mesh) if config.body.element == "linear" else quadratic(mesh)
-        found = cavities(mesh, centres + shifts)
+        walls = iter(cavities(mesh, centres + shifts))
+    found = []
+    for k, cavity in enumerate(config.cavities):
+        if cavity.mouth is None:
+            found.append(next(walls))
+        else:
+            with config.told(f"cavity[{k}].mouth"):
+                at = (np.array(each) for each in (cavity.centre, cavity.mouth.at, cavity.mouth.outwards))
+                found.append(open_void(mesh, *at))
     return device_mesh(config, mesh, found)
 
 

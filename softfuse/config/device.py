@@ -26,7 +26,7 @@ from softfuse.config.quantity import (
 )
 from softfuse.config.reduction import ReductionSettings
 from softfuse.config.sensor_set import SensorSettings
-from softfuse.config.settings import ExistingFile, FileSettings, Settings, Vector
+from softfuse.config.settings import Direction, ExistingFile, FileSettings, Settings, Vector
 from softfuse.config.source import AnySource, check_sources
 
 
@@ -36,17 +36,37 @@ class NameSettings(Settings):
     name: str
 
 
+class MouthSettings(Settings):
+    """Where a chamber opens: a point (3,) m in its opening, and the direction (3,) there out of the body."""
+
+    at: Vector
+    outwards: Direction
+
+
 class CavitySettings(Settings):
     """A cavity's name and a point (3,) m in it; their order in the file is their order everywhere.
 
-    shift, growth (3,) m: how the cavity of the device that was made differs from the one drawn, in place and
-    in length along x, y and z; the mesh follows (softfuse/mesh/morph.py).
+    file: its walls as a closed surface (STL, OBJ, PLY, OFF) in the unit of the body's file; a body of a
+    surface is hollowed by it, the void of one of a mesh has to fit it. mouth: where it opens, None where it
+    is closed (softfuse/mesh/chambers.py). shift, growth (3,) m: how the cavity of the device that was made
+    differs from the one drawn, in place and in length along x, y and z; the mesh follows
+    (softfuse/mesh/morph.py).
     """
 
     name: str
     centre: Vector
+    file: ExistingFile | None = None
+    mouth: MouthSettings | None = None
     shift: Vector = (0.0, 0.0, 0.0)
     growth: Vector = (0.0, 0.0, 0.0)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.mouth is not None and (any(self.shift) or any(self.growth)):
+            raise wrong_value(
+                "walls of an open cavity are not moved: leave out shift and growth", key="mouth"
+            )
+        return self
 
 
 class EstimatorSettings(Settings):

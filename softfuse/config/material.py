@@ -154,9 +154,9 @@ def _named(given: Any) -> Any:
         raise wrong_value(f'names a Yeoh law: remove law = "{rest["law"]}" or the name', key="silicone")
     known = SILICONES.get(name.lower()) if isinstance(name, str) else None
     if known is None:
+        names = ", ".join(each.name for each in SILICONES.values())
         raise wrong_value(
-            f"{shown(name)} is not in the table: it has {', '.join(each.name for each in SILICONES.values())}; or "
-            "give law and constants",
+            f"{shown(name)} is not in the table: it has {names}; or give law and constants",
             key="silicone",
         )
     stiffness = {} if rest.keys() & {"poisson", "bulk"} else {"poisson": POISSON}

@@ -87,8 +87,8 @@ class MaterialPoints(eqx.Module):
         if outside:
             owners, places, apart = nearest_places(body, location[outside])
             told = [
-                f"{what} {k} at {_mm(location[k])} mm lies {1e3 * far:.3g} mm outside the body (nearest place "
-                f"{_mm(place)} mm)"
+                f"{what} {k} at {_mm(location[k])} mm lies {1e3 * far:.3g} mm outside the body (nearest "
+                f"place {_mm(place)} mm)"
                 for k, place, far in zip(outside, places, apart, strict=True)
             ]
             far_out = [text for text, far in zip(told, apart, strict=True) if far > within]

@@ -13,10 +13,10 @@ from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
 from softfuse.errors import MeshError
-from softfuse.mechanics.load import AbstractLoad, Sizes
-from softfuse.mechanics.points import AbstractGuides, PointPorts, ball
 from softfuse.functional.cable import guide_forces, length
 from softfuse.functional.material_points import MaterialPoints, nearest_places
+from softfuse.mechanics.load import AbstractLoad, Sizes
+from softfuse.mechanics.points import AbstractGuides, PointPorts, ball
 
 
 class PulledCable(AbstractLoad):
@@ -149,8 +149,8 @@ def _anchored(
     except MeshError as error:
         room = float(nearest_places(body, middle[None])[2][0])
         raise MeshError(
-            f"anchor_radius: the ball of {1e3 * radius:g} mm around guide {len(before)} reaches out of the body: "
-            f"at most {1e3 * room:.3g} mm have room there; make anchor_radius that small, or move the guide"
+            f"anchor_radius: the ball of {1e3 * radius:g} mm around guide {len(before)} reaches out of the "
+            f"body: at most {1e3 * room:.3g} mm have room there; make it that small, or move the guide"
         ) from error
 
 

@@ -1,9 +1,9 @@
 """Closed parts of a surface that lie inside each other, cross or touch.
 
-Whether a part is inside another is judged by the volume that both have in common: all of the smaller one,
-none of it, or a piece, where they cross. CAD programs export assemblies with parts that penetrate or touch each
-other; those that are wound alike stand for one piece of material, or for one hole, and are united. Volumes
-and unions are exact to rounding (manifold3d).
+Whether a part is inside another is judged by the volume that both have in common: all of the smaller
+one, none of it, or a piece, where they cross. CAD programs export assemblies with parts that penetrate or
+touch each other; those that are wound alike stand for one piece of material, or for one hole, and are united.
+Volumes and unions are exact to rounding (manifold3d).
 """
 
 import logging

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from manifold3d import Manifold
 
 from softfuse.config import load
 from softfuse.config.build_device import build_device
@@ -20,11 +21,13 @@ from softfuse.config.build_sensors import (
     touch_thresholds,
 )
 from softfuse.config.sensors import CapacitiveSettings, FlowSettings
-from softfuse.mechanics.punch import PunchContact
 from softfuse.errors import ConfigError
+from softfuse.functional.cavity import Cavity
 from softfuse.material import silicone
+from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.files import write_mesh, write_surface
-from softfuse.mesh.shell import shell_of
+from softfuse.mesh.overlap import outline
+from softfuse.mesh.shell import Shell, shell_of
 from softfuse.mesh.surface import centroid, enclosed_volume
 from softfuse.mesh.tetmesh import linear, tet_mesh, volumes
 from softfuse.sensing import CapacitiveArray, capacitive_array, d6f_p0001a1, peak_model, touch_detector
@@ -328,3 +331,47 @@ def test_nodes_are_held_by_a_group_of_the_file(write: Write, tmp_path: Path, pad
     assert str(caught.value) == (
         f'{path}: body.fixed.group: the mesh has no group "top", its groups are: "base"'
     )
+
+
+CHAMBERED = """
+device.name = "bar"
+body.source = {{type = "{type}", file = "{file}", unit = "mm"{edge}}}
+body.fixed = {{x = ["0 mm", "0 mm"]}}
+body.material = [{{silicone = "Dragon Skin 30"}}]
+
+[[cavity]]
+name = "closed"
+centre = ["22 mm", "6 mm", "6 mm"]
+file = "closed.stl"
+
+[[cavity]]
+name = "open"
+centre = ["4 mm", "6 mm", "6 mm"]
+mouth = {{at = ["0 mm", "6 mm", "6 mm"], outwards = [-1, 0, 0]}}
+"""
+
+
+def test_chambers_come_from_files_and_may_be_open(tmp_path: Path) -> None:
+    block = Manifold.cube([30, 12, 12])
+    inlet, hole = (
+        Manifold.cube([10, 4, 4]).translate([-1, 4, 4]),
+        Manifold.cube([8, 6, 6]).translate([18, 3, 3]),
+    )
+    for name, of in (("body", block - inlet), ("closed", hole)):
+        nodes, faces = outline(of)
+        write_surface(tmp_path / f"{name}.stl", Shell(nodes, faces))
+    path = tmp_path / "bar.toml"
+    path.write_text(CHAMBERED.format(type="surface", file="body.stl", edge=', edge_length = "6 mm"'))
+    made = build_mesh(load(path))
+    of_file = [float(Cavity.of(each.faces)(jnp.asarray(made.mesh.nodes))) for each in made.cavities]
+    assert of_file == pytest.approx([288e-9, 144e-9], rel=5e-3)
+    # The same body as a volume mesh, in which the file tells which void is meant.
+    write_mesh(tmp_path / "body.vtu", tet_mesh(1e3 * made.mesh.nodes, made.mesh.tets))
+    path.write_text(CHAMBERED.format(type="mesh", file="body.vtu", edge=""))
+    again = build_mesh(load(path))
+    for one, other in zip(made.cavities, again.cavities, strict=True):
+        assert {*map(tuple, np.sort(one.faces))} == {*map(tuple, np.sort(other.faces))}
+    moved = outline(hole.translate([0, 2, 0]))
+    write_surface(tmp_path / "closed.stl", Shell(*moved))
+    with pytest.raises(ConfigError, match=r"cavity: the void of 288 mm³ .* is up to 2 mm off it"):
+        build_mesh(load(path))

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.mechanics import RESULTS, Loads, Newton, State, solve
-from softfuse.mechanics.cable import PulledCable, ShortenedCable
-from softfuse.mechanics.dense import Dense
 from softfuse.errors import MeshError
 from softfuse.functional.cable import guide_forces, length
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.material import NeoHookean
+from softfuse.mechanics import RESULTS, Loads, Newton, State, solve
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.dense import Dense
 
 LENGTH, SIDE, YOUNG = 0.06, 0.012, 3e5
 GUIDES = np.array([[x, 0.0045, 0.002] for x in (0.012, 0.027, 0.041, 0.055)])
