@@ -24,7 +24,7 @@ from softfuse.config.quantity import (
     PositiveNumber,
     wrong_value,
 )
-from softfuse.config.rom import ReductionSettings
+from softfuse.config.reduction import ReductionSettings
 from softfuse.config.sensor_set import SensorSettings
 from softfuse.config.settings import ExistingFile, FileSettings, Settings, Vector
 from softfuse.config.source import AnySource, check_sources
