@@ -96,7 +96,9 @@ class Region(NamedTuple):
             return tuple(tuple(entry / volume for entry in row) for row in pulled)
 
         expected = jax.tree.map(jnp.add, *jax.jvp(stress, (z - step,), (step,)))
-        return self._replace(excess=jax.tree.map(jnp.subtract, expected, stress(z)))
+        excess = jax.tree.map(jnp.subtract, expected, stress(z))
+        # Or XLA computes it anew for every column of the tangents.
+        return self._replace(excess=jax.lax.optimization_barrier(excess))
 
     def energy(self, z: Float[Array, " n_plus_1"]) -> Float[Array, ""]:
         """Σ_e Σ_q w density [J]."""
