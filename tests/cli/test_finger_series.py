@@ -117,6 +117,18 @@ def test_truth_is_read_in_si(truth: FingerTruth) -> None:
     assert truth.depth_m is None
 
 
+def test_electrodes_in_the_truth_go_by_number_or_name(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    rows = [f"{k},1,0,4,5,6,2,{where},5,1.5" for k, where in enumerate(["2", "palm1", "", "-1", "plam"])]
+    names = ["palm0", "palm1", "palm2"]
+    truth = finger_truth(recording(tmp_path, HEAD, *rows), ["tip"], 1, names)
+    assert truth.electrode[:, 0].tolist() == [2, 1, NOWHERE, NOWHERE, NOWHERE]
+    assert "'true_contact0_electrode' says 'plam', which is none of palm0, palm1, palm2" in caplog.text
+    called = finger_truth(recording(tmp_path, HEAD, rows[1]), ["tip"], 1, names)
+    assert called.electrode.tolist() == [[1]]
+
+
 def test_without_truth_nothing_is_known(tmp_path: Path) -> None:
     truth = finger_truth(recording(tmp_path, "time_s,a", "0,1"), ["tip"], 1)
     assert truth.point_m is None and not truth.samples.size and truth.force_N.shape == (1, 0)
