@@ -115,23 +115,38 @@ class ElectrodePlace(Settings):
     direction: Direction
     span: Vector = (0.0, 0.0, 0.0)
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if any(self.span) and np.linalg.norm(self._along) < 1e-6 * np.linalg.norm(self.span):
+            raise wrong_value("runs along the direction: give it along the surface", key="span")
+        return self
+
     @property
     def arms(self) -> tuple[float, ...]:
         """How far from its middle along the span the patches are (c,) [m] whose forces stand for one anywhere
         between them.
         """
-        half = 0.5 * float(np.linalg.norm(self.span))
+        half = 0.5 * float(np.linalg.norm(self._along))
         return (-half, half) if half else (0.0,)
 
     @property
     def place(self) -> Float[np.ndarray, "3 3"]:
         """The place (3, 3), its first tangent along the span."""
-        place = facing(np.array(self.centre), np.array(self.direction))
+        place = facing(np.array(self.centre), self.direction)
         if any(self.span):
-            place[1] = np.array(self.span) / np.linalg.norm(self.span)
-            into = np.array(self.direction) / np.linalg.norm(self.direction)
-            place[2] = np.cross(place[1], into)
+            place[1] = self._along / np.linalg.norm(self._along)
+            place[2] = np.cross(place[1], self._into)
         return place
+
+    @property
+    def _into(self) -> Float[np.ndarray, "3"]:
+        return np.array(self.direction) / np.linalg.norm(self.direction)
+
+    @property
+    def _along(self) -> Float[np.ndarray, "3"]:
+        """The span without what is along the direction, in which patches are carried onto the surface."""
+        span = np.array(self.span)
+        return span - (span @ self._into) * self._into
 
 
 class PointSettings(Settings):
