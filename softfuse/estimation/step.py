@@ -95,11 +95,11 @@ class StepReport(NamedTuple):
     second derivative of the QP's cost in drives and the numbers η (P,) of places that are not known, the
     inverse covariance of those that are within their limits; `offset` (c, 2) [m]: o after it, None where
     places are known; `kkt`: optimality of the QP, in units of the drives; `taken` [-]: the part of the QP's
-    step that was taken, below 1 where it was shortened to `Limits.motion`; `unbalanced` [N]: largest nodal force out of
-    balance before it; `contraction` [-]: by how much the first refinement shrank the error of the linear
-    solves (of a live step without refinements: how far the next one goes for what this one left out of
-    balance, as a part of it); `least_volume_ratio` [-]: smallest det F after it; `truncation` [-]: what part
-    of a reduced body's state its last modes are.
+    step that was taken, below 1 where it was shortened to `Limits.motion`; `unbalanced` [N]: largest nodal
+    force out of balance before it; `contraction` [-]: by how much the first refinement shrank the error of
+    the linear solves (of a live step without refinements: how far the next one goes for what this one left
+    out of balance, as a part of it); `least_volume_ratio` [-]: smallest det F after it; `truncation` [-]:
+    what part of a reduced body's state its last modes are.
     """
 
     misfit: Float[Array, " k"]
