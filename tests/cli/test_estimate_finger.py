@@ -7,16 +7,15 @@ from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from softfuse.cli.estimate import study_of
 from softfuse.cli.recording_report import EstimateRows, summary, write_report
 from softfuse.cli.study import Estimated
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import build_mesh
+from softfuse.config import load
+from softfuse.config.build_device import build_device, electrode_places
+from softfuse.config.build_mesh import build_mesh
 from softfuse.estimation.tracked import Tracked
 from softfuse.hardware.recording import read_recording
 from softfuse.sensors.status import Status
@@ -222,6 +221,7 @@ def test_without_truth_there_is_no_evaluation(tmp_path: Path, coarse: Path) -> N
     estimated = Estimated(config, device, mesh, read_recording(path, []))
     study = study_of(estimated)
     slots, nothing = SimpleNamespace(electrode=np.zeros(2, int)), np.zeros(2)
+    places = electrode_places(config)[[0, 0]]
     details = SimpleNamespace(
         electrodes=SimpleNamespace(slots=slots),
         pressure=SimpleNamespace(valid=np.zeros(6, bool)),
@@ -237,7 +237,7 @@ def test_without_truth_there_is_no_evaluation(tmp_path: Path, coarse: Path) -> N
                 np.full((2, 2), np.nan),
                 nothing,
                 np.diag(nothing),
-                slots.electrode,
+                places,
                 np.zeros((5, 5)),
                 np.zeros(7),
                 *readings,
@@ -247,7 +247,7 @@ def test_without_truth_there_is_no_evaluation(tmp_path: Path, coarse: Path) -> N
                 0.01,
             )
         )
-        study.see(estimated.found[-1], device.rest_state(jnp.zeros(2, int)))
+        study.see(estimated.found[-1], device.rest_state(places))
     numbers = summary(estimated, study, None)
     assert not {"position_error_mm", "force_error_percent", "phantom_force_N", "samples"} & set(numbers)
     write_report(tmp_path / "report.html", estimated, study, None, numbers)

@@ -37,7 +37,7 @@ def tracked(touching: list[bool], force: list[float], *statuses: Status) -> Trac
         np.full((2, 2), np.nan),
         np.array(force),
         np.diag([0.04, 0.09]),
-        np.zeros(2, int),
+        np.zeros((2, 3, 3)),
         np.zeros((4, 4)),
         np.array([3.0, 1e5]),
         np.array([4e-3, 50.0]),

@@ -41,7 +41,7 @@ def published() -> Published:
         np.full((1, 2), 1e-4),
         np.array([4.9]),
         np.array([[0.04]]),
-        np.zeros((1, 2)),
+        np.zeros((1, 3, 3)),
         np.zeros((1, 1)),
         *(np.zeros(0), NOTHING, NOTHING, NOTHING, None, None, (Status.ok,), 0.0),
     )

@@ -9,9 +9,9 @@ import pytest
 
 from softfuse.cli.electrode_trial import ElectrodeTrial
 from softfuse.cli.trial import Asked
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import build_mesh
+from softfuse.config import load
+from softfuse.config.build_device import build_device, electrode_places
+from softfuse.config.build_mesh import build_mesh
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mesh.files import read_mesh
 
@@ -47,10 +47,11 @@ def test_a_cable_is_shortened_or_pulled(coarse: Path) -> None:
     config = load(coarse)
     mesh = build_mesh(config)
     device = build_device(config, mesh)
-    patches = device.contact.drives
+    patches = device.contacts[0].drives
     for text, kind, value in (("5 mm", ShortenedCable, 5e-3), ("2 N", PulledCable, 2.0)):
         trial = ElectrodeTrial(Asked(config, device, mesh, 0.2, None, None, "lower left", [text]))
-        assert isinstance(trial.device.attached[0], kind) and trial.places.tolist() == [4]
+        assert isinstance(trial.device.actuators[0], kind)
+        np.testing.assert_array_equal(trial.places, electrode_places(config)[[4]])
         np.testing.assert_allclose(trial.drive[: patches + 1], [*[0.2 / patches] * patches, value])
         np.testing.assert_allclose(trial.drive[patches + 1 :], 101325.0)
         told = trial.numbers(trial.device.rest_state(trial.places))

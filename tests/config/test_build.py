@@ -85,7 +85,7 @@ def test_a_cavity_that_does_not_fit_as_made_is_told(write: Write) -> None:
 
 def test_a_punch_has_the_layer_that_is_given(write: Write) -> None:
     asked = write(*COARSE, ('max_force = "25 N"', 'max_force = "25 N"\ncompliance = "0.5 mm/MPa"'))
-    contact = build_device(load(asked)).contact
+    (contact,) = build_device(load(asked)).contacts
     assert isinstance(contact, PunchContact)
     assert float(contact.disc.compliance) == pytest.approx(0.5e-9)
 

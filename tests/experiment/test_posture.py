@@ -2,12 +2,12 @@
 
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
 from softfuse.experiment.posture import Posture, Watched
+from softfuse.functional.chart import facing
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.functional.pressure_cells import uniform
 from softfuse.material import NeoHookean
@@ -23,8 +23,10 @@ SLOPE = np.array([0.3, -0.2, 0.1])
 """Displacement over height."""
 CHAIN = MM * np.array([[0.0, 0, 0], [0, 0, 8], [0, 0, 18]])
 POINTS = MM * np.array([[31.0, 4, 13], [0, -15, 9]])
-MIDDLES = MM * np.array([[[0.0, 2, 18], [5, 2, 18]], [[35, 0, 9], [35, 6, 9]]])
-INTO = np.array([[0, 0, -1.0], [-2.0, 0, 0]])
+MIDDLES = MM * np.array([[[0.0, 2, 18], [5, 2, 18]], [[35, 0, 9], [35, 5, 9]]])
+ARMS = (-2.5 * MM, 2.5 * MM)
+INTO = ((0, 0, -1.0), (-2.0, 0, 0))
+PLACES = np.array([facing(pair.mean(axis=0), into) for pair, into in zip(MIDDLES, INTO, strict=True)])
 
 
 @pytest.fixture(scope="module")
@@ -36,22 +38,22 @@ def device() -> Model:
     mesh = mesh_for(LINEAR, pad_mesh(geometry, 40 * MM, 40 * MM))
     law = NeoHookean.from_young(0.6e6, 0.3)
     body = Body.from_mesh(mesh, [law], mesh.nodes[:, 2] < 1e-9, element=LINEAR)
-    contact = PatchContact.on(outer_surface(mesh).faces, MIDDLES, INTO, uniform(), 3 * MM)
-    return Model(body, (), contact, Dense.plan(body))
+    contact = PatchContact.on(outer_surface(mesh).faces, uniform(), 3 * MM, ARMS)
+    return Model(body, (), (contact,), Dense.plan(body))
 
 
 def watched(device: Model, points: np.ndarray, chain: np.ndarray | None) -> Watched:
     """What is watched on the block."""
-    body, contact = device.body, device.contact
+    body, (contact,) = device.body, device.contacts
     assert isinstance(contact, PatchContact)
     line = None if chain is None else MaterialPoints.embedded(body, chain)
     at = MaterialPoints.embedded(body, points)
-    return Watched.on(device, at, line, np.asarray(contact.faces), MIDDLES, INTO)
+    return Watched.on(device, at, line, np.asarray(contact.faces), PLACES, ARMS)
 
 
 def sheared(device: Model) -> State:
     """The state in which each point is displaced by its height times the slope."""
-    body, rest = device.body, device.rest_state(jnp.arange(1))
+    body, rest = device.body, device.rest_state(PLACES[:1])
     moved = body.rest[:, 2:] * SLOPE
     return replace(rest, z=rest.z.at[body.displacement_index].set(moved, mode="drop"))
 

@@ -51,7 +51,8 @@ class Follower:
         place, sure, covariance = (np.zeros((0, n)) for n in (3, 2, 0))
         tracked = Tracked(
             0.0,
-            *(nothing > 0, place, sure, nothing, covariance, place, covariance, *[nothing] * 4),
+            *(nothing > 0, place, sure, nothing, covariance),
+            *(np.zeros((0, 3, 3)), covariance, *[nothing] * 4),
             *(None, None, (Status.ok,), self.seconds),
         )
         return tracked, None, {"seen": self.sensed[-1]}

@@ -14,6 +14,7 @@ from made_sensors import d6f_p0001a1
 
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.tracked import Evidence, Tracked
+from softfuse.functional.chart import facing
 from softfuse.fusion.force_filter import ForceFilter
 from softfuse.fusion.fusion import Fused, Fusion, fused_recording
 from softfuse.fusion.process import DEFAULT_PROCESS, Process
@@ -68,7 +69,7 @@ def frame(
         location_sigma_m=np.full((1, 2), 1e-4 if touching else np.nan),
         contact_force_N=np.array([drive]),
         force_covariance_N2=covariance,
-        places=place,
+        places=facing(place, (0, 0, -1)),
         covariance=covariance,
         attached=np.zeros(0),
         reading=reading,
