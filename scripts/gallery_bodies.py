@@ -15,12 +15,12 @@ Solid = manifold3d.Manifold
 
 def trunk() -> Solid:
     """160 mm along z, radius 18 mm at the base and 10 mm at the tip, three tapered chambers inside."""
-    body = Solid.cylinder(160.0, 18.0, 10.0, 16)
+    body = Solid.cylinder(160.0, 18.0, 10.0, 12)
     for angle in np.deg2rad([60.0, 180.0, 300.0]):
         across = np.array([np.cos(angle), np.sin(angle)])
         ends = [
-            Solid.cylinder(1.0, size, size, 6).translate([*(at * across), z])
-            for z, at, size in ((12.0, 8.7, 3.8), (140.0, 5.5, 2.4))
+            Solid.cylinder(1.0, size, size, 4).translate([*(at * across), z])
+            for z, at, size in ((12.0, 8.7, 5.5), (140.0, 5.5, 3.2))
         ]
         body -= Solid.batch_hull(ends)
     return body
