@@ -35,8 +35,9 @@ from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadBed, pad_touches
 from softfuse.experiment.virtual_pad import Touch
 from softfuse.mechanics.sparse import SparseLU
-from softfuse.sensors import follow_peak, no_peak, peak_signal
 from softfuse.sensors.crossed.field import FieldSettings
+from softfuse.sensors.crossed.peak_follow import follow_peak, no_peak
+from softfuse.sensors.crossed.peak_model import peak_signal
 
 CONFIG = Path(__file__).parents[1] / "configs" / "pad.toml"
 SHEAR_PA, POISSON = 0.2e6, 0.49

@@ -193,7 +193,7 @@ def inverse_with_our_energy(finger: Reference, tip: int) -> tuple[float, float, 
     """Shortening [m], tension [N] and distance [m] from SOFA's tip, by the estimator's own steps."""
     body = our_body(finger)
     cable = PulledCable.through(body, finger.guides, finger.pulled_at)
-    sensors = tuple(Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
+    sensors = (Marker.of(body, finger.nodes[tip]),)
     faces = boundary_faces(tet_mesh(finger.nodes, finger.tets)).faces
     inwards = np.array([[0.0, 0.0, 1.0]])
     nothing = PatchContact.on(faces, np.zeros((1, 1, 3)), inwards, uniform(rings=1, angles=4), 1e-3)

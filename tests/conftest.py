@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import mutual_model
 
 from softfuse.body import LINEAR, TAYLOR_HOOD, Body, mesh_for
 from softfuse.body.element import Element
@@ -33,7 +34,8 @@ from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
-from softfuse.sensors.mutual_model import MutualModel, mutual_model
+from softfuse.sensors.mutual.field import Thing
+from softfuse.sensors.mutual.model import MutualModel
 
 jax.config.update("jax_enable_x64", True)
 
@@ -159,7 +161,7 @@ def calibrated_grid() -> Callable[[MutualBed, float], MutualModel]:
         along_x = [(a + half, b) for a in x[:-1] for b in y[::2]]
         between = along_x + [(a, b + half) for a in x[::2] for b in y[:-1]]
         width = 2 * bed.field.half_width
-        drawn = mutual_model(x, y, electrode_width_m=width, depth_m=bed.field.depth, finger_radius_m=radius)
+        drawn = mutual_model(x, y, electrode_width=width, depth=bed.field.depth, finger_radius=radius)
 
         def touches(places: list[tuple[float, float]], force: float) -> KnownTouches:
             things = [Thing(at, force=force, radius=radius) for at in places]

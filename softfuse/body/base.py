@@ -14,18 +14,24 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from softfuse.body.element import Element
+from softfuse.material.base import AbstractMaterial
+
 _WRITTEN_OUT = 3  # columns
 
 
 class AbstractBody(eqx.Module):
     """A body in equilibrium under what pushes its nodes.
 
-    `rest` (k, 3) [m] and `tets` (e, a): its mesh; `pressure_unit` [Pa]: a typical stiffness of its materials;
-    `n`: number of unknowns.
+    `rest` (k, 3) [m] and `tets` (e, a): its mesh, of `element`s; `factors` (e,) [-]: how many
+    times as stiff as its material each element is, None: all just as stiff; `pressure_unit` [Pa]: a typical
+    stiffness of its materials; `n`: number of unknowns.
     """
 
     rest: eqx.AbstractVar[Float[Array, "k 3"]]
     tets: eqx.AbstractVar[Int[Array, "e a"]]
+    element: eqx.AbstractVar[Element]
+    factors: eqx.AbstractVar[Float[Array, " e"] | None]
     pressure_unit: eqx.AbstractVar[Float[Array, ""]]
     n: eqx.AbstractVar[int]
 
@@ -33,6 +39,10 @@ class AbstractBody(eqx.Module):
     def n_nodes(self) -> int:
         """Number of displacement nodes."""
         return self.rest.shape[0]
+
+    @abstractmethod
+    def law(self, region: int) -> AbstractMaterial:
+        """The material of a region of its mesh."""
 
     @property
     @abstractmethod
@@ -51,6 +61,10 @@ class AbstractBody(eqx.Module):
     @abstractmethod
     def element_tangents(self, z: Float[Array, " n"]) -> Float[Array, "e d d"]:
         """Second derivatives (e, d, d) of L's parts, in the order of `element_unknowns`."""
+
+    @abstractmethod
+    def weight_resultant(self, z: Float[Array, " n"]) -> Float[Array, "6"]:
+        """Gravity's force [N], and its moment about the origin [Nm], on the whole body (6,)."""
 
     @abstractmethod
     def stiffened(
@@ -77,6 +91,10 @@ class AbstractBody(eqx.Module):
         """Displacements (k, 3) m of the nodes that loads and functionals look at, NaN where none does: what
         live steps use instead of `displacement`.
         """
+
+    @abstractmethod
+    def pressures(self, z: Float[Array, " n"], nodes: Int[Array, "..."]) -> Float[Array, "..."]:
+        """Pressures (...) [Pa], tension positive, of pressure nodes (...) of a body of mixed elements."""
 
     @abstractmethod
     def spread(self, nodes: Int[Array, "..."], forces: Float[Array, "... 3 c"]) -> Float[Array, "n c"]:

@@ -134,6 +134,10 @@ class Body(AbstractBody):
         )
         return eqx.tree_at(lambda b: b.weight, body, jax.jit(_weight)(body))
 
+    def law(self, region: int) -> AbstractMaterial:
+        """The material of a region of its mesh."""
+        return self.materials[region]
+
     @property
     def volume(self) -> Float[Array, ""]:
         """Volume [m³] of the material at rest."""
@@ -204,6 +208,18 @@ class Body(AbstractBody):
         parts = [region.tangents(padded) for region in self.regions()]
         return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
 
+    def masses(self) -> Float[Array, " k"]:
+        """Of the nodes (k,) [kg]; those of quadratic elements may be negative."""
+        density = jnp.repeat(self.densities, np.array(self.counts), total_repeat_length=len(self.tets))
+        each = jnp.asarray(self.element.values).T @ (self.volumes * density)
+        return jnp.zeros(self.n_nodes).at[self.tets.T].add(each)
+
+    def weight_resultant(self, z: Float[Array, " n"]) -> Float[Array, "6"]:
+        """Gravity's force [N], and its moment about the origin [Nm], on the whole body (6,)."""
+        masses = self.masses()
+        first = masses @ (self.rest + self.displacement(z))
+        return jnp.concatenate([jnp.sum(masses) * self.gravity, jnp.cross(first, self.gravity)])
+
     def stiffened(
         self,
         tangents: Float[Array, "e d d"],
@@ -231,6 +247,10 @@ class Body(AbstractBody):
     def watched(self, z: Float[Array, " n"]) -> Float[Array, "k 3"]:
         """All nodal displacements (k, 3) m."""
         return self.displacement(z)
+
+    def pressures(self, z: Float[Array, " n"], nodes: Int[Array, "..."]) -> Float[Array, "..."]:
+        """Pressures (...) [Pa], tension positive, of pressure nodes (...) of mixed elements."""
+        return self.pressure_unit * z[self.n_displacements + nodes]
 
     def spread(self, nodes: Int[Array, "..."], forces: Float[Array, "... 3 c"]) -> Float[Array, "n c"]:
         """Nodal forces (n, c) [N] of forces (..., 3, c) on nodes (...); what is on held ones is dropped."""

@@ -19,8 +19,8 @@ from softfuse.cli.terminal import Quiet, busy, printable, stdout
 from softfuse.cli.version import installed_version
 from softfuse.experiment.build_evaluation import Bed, build_bed
 from softfuse.experiment.build_virtual_pad import PadPlan
-from softfuse.report.page import table
 from softfuse.hardware.recording import read_recording
+from softfuse.report.page import table
 from softfuse.robot.digest import digest
 from softfuse.robot.file import RobotSettings, load
 

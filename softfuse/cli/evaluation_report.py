@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from softfuse.cli.result_folder import writing
 from softfuse.cli.study import AbstractStudy
-from softfuse.report.comparison import UNKNOWN, Comparison
 from softfuse.experiment.pose_cache import Arrays
+from softfuse.report.comparison import UNKNOWN, Comparison
 from softfuse.report.page import page, picture
 from softfuse.robot.file import RobotSettings
 

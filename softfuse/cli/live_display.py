@@ -6,10 +6,11 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from softfuse.cli.joined_readout import joined_words
 from softfuse.cli.terminal import printable
 from softfuse.hardware.live.session import Published, Session, SessionReport
+from softfuse.hardware.live.words import besides_samples, latency
 from softfuse.hardware.stream import HostClock, Notice
+from softfuse.report.columns import smoothed_words
 
 _NOTICES = 6
 _COLOURS = {"info": "cyan", "warning": "yellow", "error": "red"}
@@ -18,8 +19,9 @@ _COLOURS = {"info": "cyan", "warning": "yellow", "error": "red"}
 class LiveDisplay:
     """Keeps the newest estimate and the last notices, and draws them when asked."""
 
-    def __init__(self, clock: HostClock):
-        """Nothing has come yet."""
+    def __init__(self, clock: HostClock, slots: tuple[str, ...]):
+        """Nothing has come yet; `slots`: what contacts are called."""
+        self._slots = slots
         self._clock, self._began_s = clock, clock.now_s()
         self._lock = threading.Lock()
         self._newest: Published | None = None
@@ -49,15 +51,16 @@ class LiveDisplay:
         if newest is None:
             table.add_row("waiting for the first frame")
             return table
-        table.add_row("status", "; ".join(str(status) for status in newest.tracked.statuses))
-        table.add_row("force", f"{newest.tracked.force_N:.2f} N in {newest.tracked.contacts} contacts")
-        for c, touching in enumerate(newest.tracked.touching):
-            if touching:
-                x, y, z = 1e3 * newest.tracked.location_m[c]
-                force = newest.tracked.contact_force_N[c]
-                table.add_row(f"contact {c}", f"{force:.2f} N at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
-                if newest.joined is not None:
-                    table.add_row("    joined", joined_words(newest.joined, c))
+        tracked, smoothed, _ = newest.estimate
+        table.add_row("status", "; ".join(str(status) for status in tracked.statuses))
+        table.add_row("force", f"{tracked.force_N:.2f} N in {tracked.contacts} contacts")
+        for c, slot in enumerate(self._slots):
+            if tracked.touching[c]:
+                x, y, z = 1e3 * tracked.location_m[c]
+                force = tracked.contact_force_N[c]
+                table.add_row(slot, f"{force:.2f} N at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
+                if smoothed is not None:
+                    table.add_row("    filtered", smoothed_words(smoothed, c))
         return table
 
     def _health(self, report: SessionReport) -> Table:
@@ -95,18 +98,3 @@ class LiveDisplay:
     def _line(notice: Notice) -> Text:
         where = "" if notice.source is None else f"source {notice.source}: "
         return Text(printable(where + notice.text), style=_COLOURS[notice.level])
-
-
-def besides_samples(report: SessionReport) -> list[str]:
-    """What else came from each source, CRC failures and the like, in words; empty where nothing did."""
-    return [
-        ", ".join(f"{count} {what}" for what, count in counts.items() if count and what != "samples")
-        for counts in report.line_counts
-    ]
-
-
-def latency(report: SessionReport) -> str:
-    """From the last byte to the estimate, in words."""
-    quantiles = report.latency_p50_s, report.latency_p99_s, report.latency_max_s
-    half, most, largest = (f"{1e3 * q:.1f}" for q in quantiles)
-    return f"{half} ms (50 %), {most} ms (99 %), {largest} ms at most, from the last byte"

@@ -15,9 +15,9 @@ from softfuse.config.build_tracker import build_model_error
 from softfuse.config.contact import DiscSettings
 from softfuse.errors import ConfigError
 from softfuse.estimation.observability import Observability, observability, response
+from softfuse.functional.chart import facing
 from softfuse.report.observability_figures import maps
 from softfuse.report.page import page, picture, table
-from softfuse.functional.chart import facing
 from softfuse.robot.file import load
 
 

@@ -7,18 +7,18 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.live_parts import estimating
-from softfuse.cli.live_picture import Pictures, scene_of
 from softfuse.cli.sources import driver_of
 from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
+from softfuse.cli.view_options import Bind, SaveView, StreamPort, View, ViewPort, opened_view
 from softfuse.errors import RecordingError
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.replay import Comparison, Replay
-from softfuse.hardware.live.rerun_view import LOOPBACK, RerunView
+from softfuse.hardware.live.rerun_view import LOOPBACK
 from softfuse.hardware.record.entries import SourceInfo
 from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.source.driver import AbstractDriver
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
+from softfuse.report.live import LiveEstimates, Pictures
 from softfuse.robot.file import load, parse
 from softfuse.robot.source import AnySource
 
@@ -31,11 +31,11 @@ def replay(
     speed: Annotated[
         float | None, typer.Option(help="Times the recorded speed; without it as fast as possible.", min=1e-3)
     ] = None,
-    view: Annotated[bool, typer.Option("--view", help="Serve the live view to browsers.")] = False,
-    save_view: Annotated[Path | None, typer.Option(help="Save the live view to this file (.rrd).")] = None,
-    bind: Annotated[str, typer.Option(help="Address that the live view listens on.")] = LOOPBACK,
-    view_port: Annotated[int, typer.Option(help="Port of the live view's page.", min=1, max=65535)] = 9090,
-    stream_port: Annotated[int, typer.Option(help="Port of the live view's data.", min=1, max=65535)] = 9876,
+    view: View = False,
+    save_view: SaveView = None,
+    bind: Bind = LOOPBACK,
+    view_port: ViewPort = 9090,
+    stream_port: StreamPort = 9876,
     charts: Charts = None,
     quiet: Quiet = False,
 ) -> None:
@@ -48,22 +48,14 @@ def replay(
     else:
         raise RecordingError(f"{session} holds no configuration: give one with --config")
     with busy("building and compiling", quiet=quiet):
-        parts = estimating(settings, charts)
-    missing = [] if recorded.info.sources else [c for c in parts.channels if c not in recorded.info.channels]
+        live = LiveEstimates.built(settings, charts)
+    missing = [] if recorded.info.sources else [c for c in live.channels if c not in recorded.info.channels]
     if missing:
         raise RecordingError(f"{session} lacks the channels {', '.join(missing)} of the configuration")
-    pipeline = Pipeline(parts.channels, _drivers(recorded.info.sources, settings.sources))
-    again = Replay(recorded, pipeline, parts.follower)
-    shown: RerunView | None = None
-    pictures: Pictures | None = None
-    if view or save_view:
-        scene = scene_of(settings, parts.mesh)
-        shown = RerunView(
-            scene, save=save_view, serve=view, bind=bind, page_port=view_port, stream_port=stream_port
-        )
-        pictures = Pictures(shown, parts.device, parts.tracker, parts.readout)
-        if shown.server is not None:
-            stdout.print(f"live view: {shown.server.page}", markup=False, highlight=False, soft_wrap=True)
+    pipeline = Pipeline(live.channels, _drivers(recorded.info.sources, settings.sources))
+    again = Replay(recorded, pipeline, live)
+    shown = opened_view(live, view, save_view, bind, view_port, stream_port)
+    pictures = None if shown is None else Pictures(shown, live)
     count = 0
     estimates = again.run(math.inf if speed is None else speed)
     for published in tracked(estimates, "replaying", total=again.comparison.recorded or None, quiet=quiet):

@@ -1,4 +1,4 @@
-"""softfuse run: live estimates from the sensors of a device."""
+"""softfuse run: live estimates from the sensors of a robot."""
 
 import time
 from collections.abc import Sequence
@@ -10,75 +10,60 @@ import typer
 from rich.live import Live
 
 from softfuse.cli.interruption import termination_interrupts
-from softfuse.cli.live_display import LiveDisplay, besides_samples, latency
-from softfuse.cli.live_parts import estimating
-from softfuse.cli.live_picture import Pictures, scene_of
+from softfuse.cli.live_display import LiveDisplay
 from softfuse.cli.sources import connection_of, driver_of, session_info, sources_at
 from softfuse.cli.terminal import Charts, Quiet, busy, stderr, stdout
+from softfuse.cli.view_options import Bind, SaveView, StreamPort, View, ViewPort, opened_view
 from softfuse.errors import ConfigError
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
-from softfuse.hardware.live.rerun_view import LOOPBACK, RerunView
-from softfuse.hardware.live.session import Session, SessionReport
+from softfuse.hardware.live.rerun_view import LOOPBACK
+from softfuse.hardware.live.session import Session
+from softfuse.hardware.live.words import told
 from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.stream import HostClock
-from softfuse.robot.file import RobotSettings, load
+from softfuse.report.live import LiveEstimates, Pictures
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 from softfuse.robot.source import AnySource
 
 _SHOWN_EVERY_S = 0.2
 
 
 def run(
-    config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
+    config: Annotated[Path, typer.Argument(help="Configuration of the robot (TOML).")],
     port: Annotated[
         list[str] | None,
-        typer.Option(
-            help="Port of a device of softfuse's protocol, instead of [\\[source]]; may be repeated."
-        ),
+        typer.Option(help="Port of a board of softfuse's protocol, instead of [\\[source]]; may be repeated."),
     ] = None,
     baud: Annotated[int, typer.Option(help="Baud rate of these ports.", min=50)] = 115200,
     record: Annotated[Path | None, typer.Option(help="Record everything to this file (.mcap).")] = None,
-    view: Annotated[bool, typer.Option("--view", help="Serve the live view to browsers.")] = False,
-    save_view: Annotated[Path | None, typer.Option(help="Save the live view to this file (.rrd).")] = None,
-    bind: Annotated[
-        str,
-        typer.Option(help="Address that the live view listens on; 0.0.0.0 lets every computer look."),
-    ] = LOOPBACK,
-    view_port: Annotated[int, typer.Option(help="Port of the live view's page.", min=1, max=65535)] = 9090,
-    stream_port: Annotated[int, typer.Option(help="Port of the live view's data.", min=1, max=65535)] = 9876,
+    view: View = False,
+    save_view: SaveView = None,
+    bind: Bind = LOOPBACK,
+    view_port: ViewPort = 9090,
+    stream_port: StreamPort = 9876,
     seconds: Annotated[
         float | None, typer.Option("--for", help="Stop after so many seconds.", min=0.0)
     ] = None,
     charts: Charts = None,
     quiet: Quiet = False,
 ) -> None:
-    """Estimate location, force and shape live; Ctrl-C ends it."""
-    settings = load(config)
-    clock = HostClock()
+    """Estimate contacts, forces and shape live; Ctrl-C ends it."""
+    settings, clock = load(config), HostClock()
     sources = _sources(settings, port or [], baud)
     with busy("building and compiling", quiet=quiet):
-        parts = estimating(settings, charts)
+        live = LiveEstimates.built(settings, charts)
     drivers = [driver_of(source) for source in sources]
-    display = LiveDisplay(clock)
-    connections: list[Connection] = []
-    publish, notify = [display.publish], [display.notify]
-    shown: RerunView | None = None
-    if view or save_view:
-        scene = scene_of(settings, parts.mesh)
-        shown = RerunView(
-            scene, save=save_view, serve=view, bind=bind, page_port=view_port, stream_port=stream_port
-        )
-        publish.append(Pictures(shown, parts.device, parts.tracker, parts.readout).publish)
-        notify.append(shown.tell)
-        if shown.server is not None:
-            stdout.print(f"live view: {shown.server.page}", markup=False, highlight=False, soft_wrap=True)
+    display, connections = LiveDisplay(clock, live.columns.slots), list[Connection]()
+    shown = opened_view(live, view, save_view, bind, view_port, stream_port)
     session = Session(
-        Pipeline(parts.channels, drivers),
-        parts.follower,
+        Pipeline(live.channels, drivers),
+        live,
         clock,
-        send=lambda source, data: _sent(connections[source], data),
-        publish=publish,
-        notify=notify,
+        send=lambda source, data: connections[source].send(data),
+        publish=[display.publish, *([] if shown is None else [Pictures(shown, live).publish])],
+        notify=[display.notify, *([] if shown is None else [shown.tell])],
     )
     connections += [
         connection_of(k, source, driver, session.receive, session.tell, clock)
@@ -89,11 +74,8 @@ def run(
             for connection in connections:
                 connection.open()
             # Not before every port is open: a mistake in one leaves no file.
-            recorder = None
-            if record is not None:
-                info = session_info(settings, sources, parts.channels, parts.columns)
-                recorder = Recorder(record, info, clock, session.show)
-            session.start(recorder)
+            info = session_info(settings, sources, live.channels, live.kinds)
+            session.start(None if record is None else Recorder(record, info, clock, session.show))
             _follow(session, display, seconds, quiet=quiet)
     finally:
         for connection in connections:
@@ -102,20 +84,17 @@ def run(
         if shown is not None:
             shown.close()
     if not quiet:
-        _tell(session.report, record)
+        lost = session.report.recorder_lost
+        kept = [] if record is None else [f"recorded to {record}, {lost} entries lost"]
+        lines = [*told(session.report), *kept]
+        stdout.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
 
 
-def _sources(config: RobotSettings, ports: Sequence[str], baud: int) -> Sequence[AnySource]:
-    """Those of the config, or devices at ports; ConfigError without any."""
-    if ports:
-        return sources_at(ports, baud)
-    if not config.sources:
-        raise ConfigError(f"{config.path}: source: missing; write a [[source]], or give --port")
-    return config.sources
-
-
-def _sent(connection: Connection, data: bytes) -> None:
-    connection.send(data)
+def _sources(settings: RobotSettings, ports: Sequence[str], baud: int) -> Sequence[AnySource]:
+    """Those of the settings, or boards at ports; ConfigError without any."""
+    if not ports and not settings.sources:
+        raise ConfigError(f"{settings.path}: source: missing; write a [[source]], or give --port")
+    return sources_at(ports, baud) if ports else settings.sources
 
 
 def _follow(session: Session, display: LiveDisplay, seconds: float | None, *, quiet: bool) -> None:
@@ -125,21 +104,3 @@ def _follow(session: Session, display: LiveDisplay, seconds: float | None, *, qu
             time.sleep(_SHOWN_EVERY_S)
             if not quiet and stderr.is_terminal:
                 screen.update(display.drawn(session), refresh=True)
-
-
-def _tell(report: SessionReport, record: Path | None) -> None:
-    lines = [
-        f"{report.frames} frames, {report.estimated} estimates, {report.overruns} overruns",
-        f"latency {latency(report)}" if report.estimated else "nothing was estimated",
-    ]
-    for device in report.devices:
-        lines.append(
-            f"source {device.source}, device {device.device}: {device.samples.fresh} samples, "
-            f"{device.samples.lost} lost, {device.samples.late} late, {device.samples.duplicated} twice"
-        )
-    lines += [f"source {k}: {found}" for k, found in enumerate(besides_samples(report)) if found]
-    if report.missing:
-        lines.append(f"channels that never came: {', '.join(report.missing)}")
-    if record is not None:
-        lines.append(f"recorded to {record}, {report.recorder_lost} entries lost")
-    stdout.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)

@@ -1,80 +1,64 @@
-"""softfuse simulate: press on a device, pull its cables, and see its shape and what its sensors read."""
+"""softfuse simulate: press on a robot, pull its cables, inflate its chambers: its shape, and what its sensors read."""
 
 import json
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import typer
 
-from softfuse.cli.disc_trial import DiscTrial
-from softfuse.cli.electrode_trial import ElectrodeTrial
 from softfuse.cli.terminal import Quiet, busy, stdout
-from softfuse.cli.trial import AbstractTrial, Asked
-from softfuse.config.build_device import build_device
-from softfuse.errors import SolveError
-from softfuse.mechanics.model import simulate as equilibrium_under
-from softfuse.mechanics.punch import PunchContact
-from softfuse.mechanics.solution import RESULTS, result_name
+from softfuse.errors import SoftfuseError
 from softfuse.mesh.files import write_mesh
 from softfuse.robot.file import load
-from softfuse.robot.mesh import build_mesh
-
-
-class ContactModel(StrEnum):
-    """What a contact may be."""
-
-    punch = "punch"
-    uniform = "uniform"
+from softfuse.robot.robot import build_robot
+from softfuse.robot.trial import Press, Trial, told
 
 
 def simulate(
-    config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
-    at: Annotated[str | None, typer.Option(help="Centre of the contact of a disc, X,Y in mm.")] = None,
-    electrode: Annotated[str | None, typer.Option(help="Name of the electrode that is pressed.")] = None,
-    force: Annotated[float | None, typer.Option(help="Total force in N.", min=0.0)] = None,
+    config: Annotated[Path, typer.Argument(help="Configuration of the robot (TOML).")],
+    contact: Annotated[
+        list[str] | None, typer.Option(help="Name of a contact; once for each --at where there are several.")
+    ] = None,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(help="Where it presses: X,Y of its chart or X,Y,Z in mm, or the name of a place."),
+    ] = None,
+    force: Annotated[
+        list[float] | None, typer.Option(help="Total force in N; once for each --at.", min=0.0)
+    ] = None,
     cable: Annotated[
         list[str] | None,
-        typer.Option(help='By how much a cable is shortened ("10 mm") or pulled ("2 N"); once for each.'),
+        typer.Option(help='NAME=10mm shortens a cable, NAME=2N pulls it; "10 mm" if there is only one.'),
     ] = None,
-    contact: Annotated[
-        ContactModel | None,
-        typer.Option(help="How the force of a disc is spread; default: the config's."),
+    pressure: Annotated[
+        list[str] | None, typer.Option(help="NAME=20kPa: gauge pressure of a driven chamber.")
     ] = None,
     json_file: Annotated[Path | None, typer.Option("--json", help="File for the numbers.")] = None,
     vtu: Annotated[Path | None, typer.Option(help="File for the deformed mesh (VTU).")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Press on a device or pull its cables, and report its shape and what its sensors read."""
+    """Press on a robot or drive its actuators, and report its shape and what its sensors read."""
     settings = load(config)
     with busy("meshing", quiet=quiet):
-        mesh = build_mesh(settings)
-        device = build_device(settings, mesh)
-    model = None if contact is None else contact.value
-    trial = trial_of(Asked(settings, device, mesh, force, at, model, electrode, cable or []))
+        robot = build_robot(settings)
+    trial = Trial.of(robot, presses(contact or [], at or [], force or []), cable or [], pressure or [])
     with busy("solving", quiet=quiet):
-        solution = equilibrium_under(trial.device, trial.places, trial.drive)
-    result = result_name(solution.result)
-    if result != "converged":
-        raise SolveError(f"no equilibrium at {force or 0:g} N: {RESULTS[solution.result]}")
-    numbers: dict[str, Any] = {
-        **trial.numbers(solution.state),
-        "nodes": device.body.n_nodes,
-        "dof": device.body.n,
-        "newton_iterations": int(solution.stats.newton_iterations),
-        "residual_N": float(solution.stats.residual),
-        "result": result,
-    }
+        solution = trial.solved()
+    numbers = trial.numbers(solution)
     if json_file is not None:
         json_file.write_text(json.dumps(numbers, indent=2) + "\n")
     if vtu is not None:
-        displacement = np.asarray(device.body.displacement(solution.state.z))
-        write_mesh(vtu, mesh.mesh, point_data={"displacement": displacement})
+        moved = robot.model.body.displacement(solution.state.z)
+        write_mesh(vtu, robot.mesh.mesh, point_data={"displacement": moved.__array__()})
     if not quiet:
-        stdout.print(trial.told(numbers), markup=False, highlight=False, soft_wrap=True)
+        stdout.print(told(numbers), markup=False, highlight=False, soft_wrap=True)
 
 
-def trial_of(asked: Asked) -> AbstractTrial:
-    """What is done to the device's kind of contact; raises SoftfuseError when it cannot be."""
-    return DiscTrial(asked) if isinstance(asked.device.contacts[0], PunchContact) else ElectrodeTrial(asked)
+def presses(contacts: list[str], places: list[str], forces: list[float]) -> list[Press]:
+    """The presses of options that are given once for each; SoftfuseError where they do not go together."""
+    if len(places) != len(forces):
+        raise SoftfuseError(f"{len(places)} times --at and {len(forces)} times --force: give both for each press")
+    if len(contacts) not in (0, len(places)):
+        raise SoftfuseError(f"{len(contacts)} times --contact for {len(places)} times --at: give one for each")
+    names: list[str | None] = [*contacts] or [None] * len(places)
+    return [Press(*each) for each in zip(names, places, forces, strict=True)]

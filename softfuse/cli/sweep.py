@@ -13,10 +13,10 @@ from softfuse.cli.sweep_table import SweepTable
 from softfuse.cli.sweep_worker import Chunk, Pressed, chunks_of, solve_chunk
 from softfuse.cli.terminal import Quiet, busy, printable, stdout, tracked
 from softfuse.cli.version import installed_version
-from softfuse.experiment.sweep_plan import load_plan
-from softfuse.experiment.sweep_series import build_series, shortened_cables
 from softfuse.robot.digest import digest
 from softfuse.robot.file import file_text, parse
+from softfuse.robot.press_plan import load_plan
+from softfuse.robot.press_series import build_series, shortened_cables
 
 
 def sweep(

@@ -4,8 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from softfuse.experiment.sweep import Outcome, Series
+from softfuse.experiment.sweep import Outcome
 from softfuse.robot.contacts import DiscSettings
+from softfuse.robot.press_series import Series
 from softfuse.robot.settings import RobotSettings
 
 Value = float | int | str | None

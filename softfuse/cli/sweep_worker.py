@@ -16,11 +16,11 @@ from softfuse.cli.computing import prepare_jax
 from softfuse.cli.sweep_table import SweepTable, Value
 from softfuse.cli.version import require_version
 from softfuse.errors import SoftfuseError
-from softfuse.experiment.sweep import Series, outcomes
-from softfuse.experiment.sweep_series import places_of, swept_model, with_moduli
+from softfuse.experiment.sweep import outcomes
 from softfuse.mechanics.model import Model
 from softfuse.robot.digest import digest
 from softfuse.robot.file import RobotSettings, parse
+from softfuse.robot.press_series import Series, places_of, swept_model, with_moduli
 from softfuse.robot.robot import build_robot
 
 

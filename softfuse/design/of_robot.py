@@ -44,8 +44,6 @@ from softfuse.design.plan import (
 from softfuse.design.problem import Problem, Walls, untouched
 from softfuse.design.search import SearchSettings
 from softfuse.errors import ConfigError
-from softfuse.experiment.sweep_plan import SweepPlan
-from softfuse.experiment.sweep_series import build_series, places_of
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.mechanics.model import Model
 from softfuse.mesh.block import edge_distance
@@ -58,6 +56,8 @@ from softfuse.robot.layout.layout import Parameter, TiedLayout
 from softfuse.robot.layout.layout_mesh import Fineness, LayoutMesh
 from softfuse.robot.layout.outline import Outline
 from softfuse.robot.mesh import robot_mesh
+from softfuse.robot.press_plan import SweepPlan
+from softfuse.robot.press_series import build_series, places_of
 from softfuse.robot.robot import build_robot
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.cable_length import CableLengthSettings

@@ -8,7 +8,6 @@ from typing import Annotated, Literal, Self
 from annotated_types import Ge, Gt
 from pydantic import BeforeValidator, Field, model_validator
 
-from softfuse.experiment.sweep_plan import AnyPlaces
 from softfuse.io.quantity import (
     ANGLE,
     LENGTH,
@@ -26,6 +25,7 @@ from softfuse.io.quantity import (
 from softfuse.io.settings import ExistingFile, FileSettings, NotEmpty, Settings, Vector
 from softfuse.robot.chamber_shapes import RoundedBoxSettings, SuperellipsoidSettings
 from softfuse.robot.file import file_text, validated
+from softfuse.robot.press_plan import AnyPlaces
 
 AXES = ("x", "y", "z")
 """Names of the coordinates of a guide."""

@@ -69,7 +69,9 @@ class Evidence:
         k, places = len(reading), 2 * contacts
         nowhere = np.full(places, np.nan)
         unmoved = np.zeros(drives), np.zeros((k, drives)), np.zeros(places), np.zeros((k, places))
-        return cls(reading, sigma, *unmoved, nowhere, nowhere, np.zeros(drives, bool), np.zeros((k, k)), drift)
+        return cls(
+            reading, sigma, *unmoved, nowhere, nowhere, np.zeros(drives, bool), np.zeros((k, k)), drift
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,4 +162,6 @@ class Tracked:
         estimate.
         """
         known = np.isfinite(self.misfit)
-        return float(np.sqrt(np.mean((self.misfit[known] / self.sigma[known]) ** 2))) if known.any() else np.nan
+        return (
+            float(np.sqrt(np.mean((self.misfit[known] / self.sigma[known]) ** 2))) if known.any() else np.nan
+        )

@@ -27,6 +27,7 @@ from softfuse.estimation.model_offset import ModelOffset
 from softfuse.estimation.place_search import Placed, PlaceSearch, Seen, as_seen
 from softfuse.estimation.push_response import Patches, patches_at
 from softfuse.estimation.reading_pattern import PatternFit, pattern_fit
+from softfuse.estimation.reading_spread import read_spread
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation as Aim
 from softfuse.estimation.touch_by_readings import TouchByReadings
@@ -56,6 +57,16 @@ class TrackerSettings:
     poor_fit: float = 0.25
     model_error: ModelError = ModelError()
     offset_s: float = 1.0
+
+    @classmethod
+    def of(cls, robot: Robot) -> "TrackerSettings":
+        """Those that the robot's settings tell; raises SoftfuseError when the file of its spread is not that
+        of such a robot.
+        """
+        given = robot.settings.estimator
+        path, readings = given.reading_spread, robot.model.n_readings
+        spread = None if path is None else read_spread(path, readings)
+        return cls(given.poor_fit, ModelError(given.model_error, spread=spread))
 
 
 class _Estimated(NamedTuple):
@@ -106,14 +117,14 @@ class Tracker:
         self,
         robot: Robot,
         model: Model | Atlas | None = None,
-        settings: TrackerSettings = TrackerSettings(),
+        settings: TrackerSettings | None = None,
     ):
         """Compile sensors and estimate step, of the robot's model or of another, such as its reduced ones.
 
         Raises ConfigError when nothing tells of a contact, SolveError when the body cannot be estimated, and
         SoftfuseError for a reduced model that cannot be read.
         """
-        self.robot, self.settings = robot, settings
+        self.robot, self.settings = robot, TrackerSettings.of(robot) if settings is None else settings
         model = robot.model if model is None else model
         started = time.perf_counter()
         limits, steps = limits_of(robot), step_settings(robot)
@@ -257,7 +268,7 @@ class Tracker:
             pressing[self._by_readings] = unseen[self._by_readings] = True
         for c in np.flatnonzero(unseen):
             workspace = self.robot.workspaces[c]
-            if np.isnan(sigma[c]).any() and workspace is not None:
+            if not np.isfinite(sigma[c]).all() and workspace is not None:
                 sigma[c] = workspace.extent_m
         return Seen(pressing, unseen, np.array(now.places), location, sigma)
 

@@ -12,25 +12,10 @@ from softfuse.body.base import AbstractBody
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.solution import State, result_name
+from softfuse.robot.press_series import Series
 
 OVERHANGS = "overhangs"
 """The result of a case in which a disc does not stand on the body with all of its face: nothing is solved."""
-
-
-@dataclass(frozen=True)
-class Series:
-    """What is the same in some cases, and the forces in which they differ.
-
-    number: of the first case; modulus_factor: of all moduli; cables: the shortening [m] or tension [N] of
-    each; places: of each contact, x and y [m] of a disc's middle or the name of an electrode; forces:
-    ascending, of each contact [N].
-    """
-
-    number: int
-    modulus_factor: float
-    cables: tuple[float, ...]
-    places: tuple[tuple[float, float] | str, ...]
-    forces: tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,11 +1,12 @@
-"""A functional g(q): a scalar of the configuration that is a sensor's reading, or an actuator's stroke with a
-conjugate force.
+"""A functional g(q): a number or a few of the configuration, which are a sensor's reading or what an
+actuator's force does work on.
 """
 
 from abc import abstractmethod
 
 import equinox as eqx
-from jaxtyping import Array, Float
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
 
 from softfuse.body.base import AbstractBody
 
@@ -35,3 +36,24 @@ class Functional(AbstractFunctional):
     def change(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, ""]:
         """g(z) − g(0) at unknowns z (n,) of a body that watches the functional's nodes."""
         return self(body.rest + body.watched(z)) - self(body.rest)
+
+
+class MaterialFunctional(AbstractFunctional):
+    """A functional of material points: it depends on where nodes are at rest, and on how they have moved."""
+
+    @property
+    @abstractmethod
+    def nodes(self) -> Int[Array, " w"]:
+        """The nodes (w,), which may come several times, whose displacements it needs: a body watches them."""
+
+    @abstractmethod
+    def __call__(self, rest: Float[Array, "k 3"], displacement: Float[Array, "k 3"]) -> Float[Array, " c"]:
+        """The values (count,) when nodes at `rest` (k, 3) m have moved by (k, 3) m, differentiably."""
+
+    def value(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, " c"]:
+        """g(z) (count,) at unknowns z (n,) of a body that watches the functional's nodes."""
+        return self(body.rest, body.watched(z))
+
+    def change(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, " c"]:
+        """g(z) − g(0) (count,) at unknowns z (n,) of a body that watches the functional's nodes."""
+        return self.value(body, z) - self(body.rest, jnp.zeros_like(body.rest))

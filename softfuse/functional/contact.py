@@ -5,7 +5,8 @@ quadrature points is carried along d onto the outermost face it meets, at rest. 
 = Σ_i s_ik d · u(x_i), the mean displacement [m] under it, linear in u; its conjugate is the cell's force [N],
 which acts in the direction d. The points move with the disc, not with the mesh: g_k is continuous and
 piecewise smooth in the location and needs no mesh that knows the disc. Points beyond the body's edge carry
-nothing.
+nothing: a cell's force is on those that meet it. A flat disc that is moved along d first touches the highest
+point under it; the height of every other cell below that is its gap at rest.
 """
 
 import equinox as eqx
@@ -21,6 +22,7 @@ from softfuse.functional.pressure_cells import PressureCells
 from softfuse.material.base import constant
 
 _GRAZING = 0.1  # cosine below which a face is seen edge-on
+_NOWHERE = 1.0  # m: the gap under a cell that no part of the surface is under
 
 
 class Landed(eqx.Module):
@@ -172,18 +174,38 @@ class Contact(eqx.Module):
         """The quadrature points (p, 3) m."""
         return self.location + self.radius * (self.cells.points @ self.surface.tangents)
 
-    def _landed(self, body: AbstractBody) -> Landed:
+    def landed(self, body: AbstractBody) -> Landed:
+        """Where the quadrature points meet the body at rest."""
         return self.surface.land(body.rest, self.points)
+
+    def shares(self, on: Landed) -> Float[Array, " p"]:
+        """The parts (p,) [-] of a newton in a point's cell that are carried where the points landed: they sum
+        to 1 in every cell, or to 0 in one that meets nothing.
+        """
+        share, total = jnp.where(on.met, self.cells.share, 0.0), self._over_cells(on.met * self.cells.share)
+        return share / jnp.where(total > 0, total, 1.0)[self.cells.cell]
 
     def parts(self, on: Landed) -> Float[Array, "p s"]:
         """The parts (p, s) [-] of a newton in a point's cell that the nodes carry where the points landed."""
-        return jnp.where(on.met, self.cells.share, 0.0)[:, None] * on.shape
+        return self.shares(on)[:, None] * on.shape
+
+    def heights(self, on: Landed, rest: Float[Array, "k 3"]) -> Float[Array, " m"]:
+        """The gap (m,) [m] under each cell, mean over its points, when the flat disc first touches the body
+        with nodes at `rest` (k, 3) m; far off where a cell meets nothing.
+        """
+        way = jnp.einsum("ps,psi,i->p", on.shape, rest[on.nodes], self.surface.direction)
+        first = jnp.min(jnp.where(on.met, way, jnp.inf))
+        each = self._over_cells(self.shares(on) * jnp.where(on.met, way - first, 0.0))
+        return jnp.where(self._over_cells(1.0 * on.met) > 0, each, _NOWHERE)
+
+    def _over_cells(self, each: Float[Array, " p"]) -> Float[Array, " m"]:
+        return jnp.zeros(self.cells.count).at[self.cells.cell].add(each)
 
     def nodal(self, body: AbstractBody) -> tuple[Int[Array, "p s"], Float[Array, "p s"]]:
         """The nodes (p, s) that carry a newton in a point's cell, and their parts (p, s) [-] of it, along the
         direction; the point's cell is `cells.cell`. Nodes may come several times, and held ones come too.
         """
-        on = self._landed(body)
+        on = self.landed(body)
         return on.nodes, self.parts(on)
 
     def rows(self, body: AbstractBody) -> Float[Array, "n m"]:
@@ -200,7 +222,7 @@ class Contact(eqx.Module):
         Means over the points that meet the body; the tangents' cross product is the patch's current normal,
         into the body.
         """
-        on = self._landed(body)
+        on = self.landed(body)
         share = jnp.where(on.met, self.cells.share, 0.0)
         share = share / jnp.sum(share)
         each = share[:, None, None] * jnp.concatenate([on.shape[:, :, None], on.slopes], axis=2)
@@ -212,4 +234,4 @@ class Contact(eqx.Module):
         """Fraction of the disc's quadrature points that lie on the surface [-]: 1 unless it overhangs an
         edge.
         """
-        return jnp.mean(self._landed(body).met, dtype=float)
+        return jnp.mean(self.landed(body).met, dtype=float)

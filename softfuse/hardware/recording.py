@@ -53,6 +53,17 @@ class Recording:
             raise RecordingError(_missing_message(self.path, missing, self.columns))
         return np.array([self.columns[name] for name in names]).reshape(len(names), len(self.time_s)).T
 
+    @property
+    def labels(self) -> dict[str, tuple[str, ...]]:
+        """Texts by column."""
+        return {}
+
+    def numbered(self, name: str, names: Sequence[str], *, unknown: float) -> Float[np.ndarray, " n"]:
+        """A column (n,) that says which of some names, by its number; `unknown` where it is blank."""
+        del names
+        values = self.matrix([name])[:, 0]
+        return np.where(np.isfinite(values), values, unknown)
+
     def rows(self, at: Int[np.ndarray, " m"]) -> "Recording":
         """The recording of some of its frames (m,), by their numbers."""
         return replace(

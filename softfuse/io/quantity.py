@@ -25,9 +25,7 @@ _OTHERS = {
     "a mass": "kg",
     "an area": "m^2",
     "an energy or torque": "J",
-    "a temperature": "K",
     "a current": "A",
-    "a capacitance": "F",
     "a flow": "m^3/s",
     "a number": "",
 }
@@ -74,6 +72,9 @@ VOLTAGE = Dimension("a voltage", "V", "0.5 V")
 VOLTAGE_WALK = Dimension("a random walk of a voltage", "V/s^0.5", "0.02 mV/s^0.5")
 LAYER_COMPLIANCE = Dimension("a length per pressure", "m/Pa", "0.5 mm/MPa")
 COMPLIANCE = Dimension("a length per force", "m/N", "0.05 mm/N")
+RESISTANCE = Dimension("a resistance", "ohm", "12 ohm")
+CAPACITANCE = Dimension("a capacitance", "F", "180 pF")
+TEMPERATURE = Dimension("a temperature", "K", "293.15 K")
 FLOW_SENSITIVITY = Dimension("a voltage per flow", "V s/m^3", "20 V min/L")
 
 _DIMENSIONS = (
@@ -92,6 +93,9 @@ _DIMENSIONS = (
     VOLTAGE_WALK,
     LAYER_COMPLIANCE,
     COMPLIANCE,
+    RESISTANCE,
+    CAPACITANCE,
+    TEMPERATURE,
     FLOW_SENSITIVITY,
 )
 
@@ -111,6 +115,9 @@ Voltage = Annotated[float, BeforeValidator(VOLTAGE.parse)]
 VoltageWalk = Annotated[float, BeforeValidator(VOLTAGE_WALK.parse)]
 LayerCompliance = Annotated[float, BeforeValidator(LAYER_COMPLIANCE.parse)]
 Compliance = Annotated[float, BeforeValidator(COMPLIANCE.parse)]
+Resistance = Annotated[float, BeforeValidator(RESISTANCE.parse)]
+Capacitance = Annotated[float, BeforeValidator(CAPACITANCE.parse)]
+Temperature = Annotated[float, BeforeValidator(TEMPERATURE.parse)]
 FlowSensitivity = Annotated[float, BeforeValidator(FLOW_SENSITIVITY.parse)]
 Number = Annotated[float, Strict()]
 Integer = Annotated[int, Strict()]
@@ -124,6 +131,10 @@ PositivePressure = Annotated[Pressure, Gt(0)]
 PositiveVoltage = Annotated[Voltage, Gt(0)]
 PositiveNumber = Annotated[Number, Gt(0)]
 PositiveInteger = Annotated[Integer, Gt(0)]
+PositiveAcceleration = Annotated[Acceleration, Gt(0)]
+PositiveAngle = Annotated[Angle, Gt(0)]
+PositiveResistance = Annotated[Resistance, Gt(0)]
+PositiveCapacitance = Annotated[Capacitance, Gt(0)]
 Duration = Annotated[Time, Ge(0)]
 Spread = Annotated[Voltage, Ge(0)]
 

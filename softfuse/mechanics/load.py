@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
+from softfuse.errors import SolveError
 
 
 class AbstractPorts(eqx.Module):
@@ -49,6 +50,12 @@ class AbstractPorts(eqx.Module):
         `HeldLoads`.
         """
 
+    @abstractmethod
+    def resultants(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, "6 p"]:
+        """Force [N], then moment about the origin [Nm], on the whole body, held nodes included, per unit of
+        each port's force: ∂y/∂(motion) for rigid motions of the body's current shape.
+        """
+
 
 class LinearPorts(AbstractPorts):
     """y = y₀ + Gᵀz: values at rest y₀ (p,) and rows G (n, p)."""
@@ -75,6 +82,16 @@ class LinearPorts(AbstractPorts):
     def supports(self):
         """No springs."""
         return jnp.zeros_like(self.rest)
+
+    def resultants(self, body, z):
+        """Raises SolveError: rows alone do not tell what acts on held nodes."""
+        raise SolveError("where forces on linear ports act is not known: use ports of points or of a contact")
+
+
+def force_resultants(at: Float[Array, "g 3"]) -> Float[Array, "6 3g"]:
+    """Resultants, see `AbstractPorts`, of unit forces along x, y, z at points (g, 3) m."""
+    forces = jnp.tile(jnp.eye(3), (len(at), 1))
+    return jnp.concatenate([forces, jnp.cross(jnp.repeat(at, 3, axis=0), forces)], axis=1).T
 
 
 class AbstractLoad(eqx.Module):
@@ -132,6 +149,10 @@ class AbstractContact(eqx.Module):
     @abstractmethod
     def load(self, body: AbstractBody, place: Float[Array, "3 3"]) -> AbstractLoad:
         """The load of one contact at a place; its drives are the forces [N]."""
+
+    @abstractmethod
+    def overlap(self, body: AbstractBody, place: Float[Array, "3 3"]) -> Float[Array, ""]:
+        """What part [-] of a contact at a place lies on the surface: 1 unless it overhangs an edge."""
 
 
 class Sizes(eqx.Module):

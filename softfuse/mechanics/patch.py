@@ -16,7 +16,8 @@ from softfuse.functional.chart import direction_of
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.face_search import EveryFace
 from softfuse.functional.pressure_cells import PressureCells
-from softfuse.mechanics.load import AbstractContact, AbstractLoad, LinearPorts, Sizes
+from softfuse.mechanics.load import AbstractContact, AbstractLoad, Sizes
+from softfuse.mechanics.surface_ports import PlacePorts
 
 
 class NormalPatches(AbstractLoad):
@@ -24,18 +25,17 @@ class NormalPatches(AbstractLoad):
     their frames.
     """
 
-    ports: LinearPorts
+    ports: PlacePorts
 
     @classmethod
     def of(cls, contacts: Sequence[Contact], body: AbstractBody) -> "NormalPatches":
         """The patches of contacts; the pressure on each is that of all its cells together."""
-        rest, rows = zip(*(contact.frame(body) for contact in contacts), strict=True)
-        return cls(LinearPorts(_positions_first(jnp.stack(rest)), _positions_first(jnp.stack(rows, axis=1))))
+        return cls(frame_ports(contacts, body))
 
     @property
     def sizes(self):
         """The frames' nine ports each; force vectors on the positions; the magnitudes."""
-        c = self.ports.rest.shape[0] // 9
+        c = self.ports.places
         return Sizes(ports=9 * c, forces=3 * c, internal=0, drives=c)
 
     def start(self):
@@ -57,6 +57,56 @@ class NormalPatches(AbstractLoad):
         del force, internal
         moved = (y - self.ports.rest)[: self.sizes.forces].reshape(-1, 3)
         return jnp.sum(moved * _normals(y), axis=1)
+
+
+class PatchForces(AbstractLoad):
+    """c patches, each pushed with a force vector that is given in its current frame: along the normal into
+    the body, and along its two tangents, of which the first follows that of the place.
+    """
+
+    ports: PlacePorts
+
+    @property
+    def sizes(self):
+        """The frames' nine ports each; force vectors on the positions; as many drives."""
+        c = self.ports.places
+        return Sizes(ports=9 * c, forces=3 * c, internal=0, drives=3 * c)
+
+    def start(self):
+        """No force."""
+        sizes = self.sizes
+        return jnp.zeros(sizes.forces), jnp.zeros(0), jnp.zeros(sizes.drives)
+
+    def units(self):
+        """Newtons."""
+        return jnp.ones(self.sizes.forces)
+
+    def equations(self, force, internal, y, drive):
+        """f_j − (F_n n + F_1 t_1 + F_2 t_2)_j = 0 (3 c,) [N]."""
+        del internal
+        return force - jnp.einsum("ck,cki->ci", drive.reshape(-1, 3), _axes(y)).ravel()
+
+    def conjugate(self, force, internal, y):
+        """How far each patch has moved along its current normal and tangents (3 c,) [m]."""
+        del force, internal
+        moved = (y - self.ports.rest)[: self.sizes.forces].reshape(-1, 3)
+        return jnp.einsum("ci,cki->ck", moved, _axes(y)).ravel()
+
+
+def frame_ports(contacts: Sequence[Contact], body: AbstractBody) -> PlacePorts:
+    """Positions, then tangents, of the patches of contacts on a body."""
+    rest, rows = zip(*(contact.frame(body) for contact in contacts), strict=True)
+    return PlacePorts(
+        _positions_first(jnp.stack(rest)), _positions_first(jnp.stack(rows, axis=1)), len(contacts)
+    )
+
+
+def _axes(y: Float[Array, " 9c"]) -> Float[Array, "c 3 3"]:
+    """Of each patch its normal n, its first tangent made a unit vector t_1, and t_2 = n × t_1."""
+    first = y[y.shape[0] // 3 :].reshape(-1, 2, 3)[:, 0]
+    normal = _normals(y)
+    first = first / jnp.linalg.norm(first, axis=1, keepdims=True)
+    return jnp.stack([normal, first, jnp.cross(normal, first)], axis=1)
 
 
 def _positions_first(frames: Float[Array, "... c 9"]) -> Float[Array, "... 9c"]:
@@ -104,10 +154,15 @@ class PatchContact(AbstractContact):
         """The patches at a place (3, 3)."""
         every = EveryFace(len(self.faces))
         # Their cross product is the direction, that of the place its outward normal.
-        surface = ContactSurface(self.faces, direction_of(place), place[:0:-1], every)
+        tangents = jnp.stack([place[1], -place[2]])
+        surface = ContactSurface(self.faces, direction_of(place), tangents, every)
         middles = place[0] + self.offsets[:, None] * place[1]
         return tuple(Contact(surface, self.cells, middle, self.radius) for middle in middles)
 
     def load(self, body, place):
         """The patches at a place as a load along their current normals."""
         return NormalPatches.of(self.at(place), body)
+
+    def overlap(self, body, place):
+        """The least of the patches'."""
+        return jnp.min(jnp.stack([patch.overlap(body) for patch in self.at(place)]))

@@ -9,12 +9,11 @@ from abc import abstractmethod
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
 from softfuse.functional.material_points import MaterialPoints
-from softfuse.mechanics.load import AbstractPorts
+from softfuse.mechanics.load import AbstractPorts, force_resultants
 
 
 class AbstractGuides(AbstractPorts):
@@ -24,6 +23,10 @@ class AbstractGuides(AbstractPorts):
     @abstractmethod
     def location(self) -> Float[Array, "g 3"]:
         """Where they are on the body at rest (g, 3) [m]."""
+
+    def resultants(self, body, z):
+        """Unit forces along the axes at the places (6, 3 g)."""
+        return force_resultants(self.values(body, z).reshape(-1, 3))
 
 
 class PointPorts(AbstractGuides):
@@ -94,15 +97,3 @@ class PointPorts(AbstractGuides):
     def supports(self):
         """The same spring for all single points, none for means (3 g,) [N/m]."""
         return self.support * jnp.repeat(jnp.sum(self._single, axis=1), 3)
-
-
-def ball(centre: Float[np.ndarray, "3"], radius: float) -> Float[np.ndarray, "b 3"]:
-    """Points (b, 3) m whose mean stands for that over a ball of `radius` [m] around `centre` (3,) m.
-
-    Exact for polynomials of third order.
-    """
-    steps = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    inner = steps[(steps**2).sum(axis=1) < 3]
-    # The mean of |x|² over a ball is 3/5 of its radius squared.
-    spacing = radius * np.sqrt(0.6 / (inner**2).sum(axis=1).mean())
-    return centre + spacing * inner

@@ -7,7 +7,7 @@ face by face and therefore within the elements that the faces belong to.
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from softfuse.body.base import AbstractBody
 from softfuse.errors import MeshError
@@ -48,6 +48,16 @@ class VolumePorts(AbstractPorts):
     def supports(self):
         """No springs."""
         return jnp.zeros(len(self.cavities))
+
+    def resultants(self, body, z):
+        """What the pressures on all faces amount to (6, p): nothing, on a closed surface."""
+        positions = body.rest + body.watched(z)
+
+        def moved(motion: Float[Array, "6"]) -> Float[Array, " p"]:
+            rigid = positions + motion[:3] + jnp.cross(motion[3:], positions)
+            return jnp.stack([cavity(rigid) for cavity in self.cavities])
+
+        return jax.jacfwd(moved)(jnp.zeros(6)).T
 
 
 def _owners(faces: Int[np.ndarray, "f s"], body: AbstractBody) -> Int[Array, " f"]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 _EDGES = ((0, 1), (1, 2), (2, 0))
 
@@ -26,7 +26,7 @@ def nearest_on_triangles(points: Float[np.ndarray, "p 3"], corners: Float[np.nda
     """The nearest places on triangles with corners (f, 3, 3) m to points (p, 3) m."""
     middles = corners.mean(axis=1)
     size = np.linalg.norm(corners - middles[:, None], axis=2).max(axis=1)
-    tree = cKDTree(middles)
+    tree = KDTree(middles)
     # The nearest middle is on its triangle, so nothing further than it has to be looked at.
     bound, _ = tree.query(points)
     near = tree.query_ball_point(points, bound + size.max())

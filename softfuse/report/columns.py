@@ -79,7 +79,8 @@ class Column:
         """The value as the field of a table; nothing where it is not known."""
         if self.digits is None or isinstance(value, str):
             return str(value)
-        return f"{value:.{self.digits}f}" if math.isfinite(value) else ""
+        # Without the sign of a zero.
+        return f"{round(value, self.digits) + 0.0:.{self.digits}f}" if math.isfinite(value) else ""
 
 
 @dataclass(frozen=True, eq=False)

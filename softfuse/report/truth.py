@@ -115,8 +115,7 @@ def _named(recording: Recording, columns: Columns) -> dict[str, np.ndarray]:
 def _contacts(
     recording: Recording, columns: Columns, names: Sequence[str], given: dict[str, np.ndarray]
 ) -> tuple[Float[np.ndarray, "n t"], Int[np.ndarray, "n t"]]:
-    """Forces and places of the contacts that truly are there; their places are also put among what is given.
-    """
+    """Forces and places of the contacts that truly are there; their places are also put among what is given."""
     forces, places = list[np.ndarray](), list[np.ndarray]()
     for k, slot in enumerate(columns.slots):
         force = _first(recording, f"true_{slot}_force_N", f"true_force{k}_N")

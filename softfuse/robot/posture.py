@@ -29,7 +29,8 @@ class Posture:
     `point_m` (p, 3): where the points are; `turn` (l,) [rad] and `curvature` (l,) [1/m] of the centreline's
     links; `tip_turn` [rad] of its last link against its direction at rest, NaN without a centreline;
     `drives`, `answers` (a,): what the actuators are driven with, and what answers that, such as tensions [N]
-    and shortenings [m]; `volume_m3` (k,): by how much each chamber has grown.
+    and shortenings [m]; `volume_m3` (k,): by how much each chamber has grown; `moved_m`: how far the node has
+    moved that has most.
     """
 
     point_m: Float[np.ndarray, "p 3"]
@@ -39,6 +40,7 @@ class Posture:
     drives: Float[np.ndarray, " a"]
     answers: Float[np.ndarray, " a"]
     volume_m3: Float[np.ndarray, " k"]
+    moved_m: Float[np.ndarray, ""]
 
     def unknown(self) -> "Posture":
         """The same sizes, with NaN for every number."""
@@ -109,7 +111,8 @@ def _posture(watched: Watched, state: State) -> tuple[Array, ...]:
     answers = watched.model.answers(state)
     drives = state.drive[state.drive.shape[0] - answers.shape[0] :]
     volume = jnp.array([cavity(now) - cavity(body.rest) for cavity in watched.chambers])
-    return watched.points(now), turn, curvature, tip, drives, answers, volume
+    moved = jnp.sqrt(jnp.max(jnp.sum((now - body.rest) ** 2, axis=1)))
+    return watched.points(now), turn, curvature, tip, drives, answers, volume, moved
 
 
 @eqx.filter_jit

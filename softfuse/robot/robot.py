@@ -163,7 +163,9 @@ def build_robot(settings: RobotSettings, mesh: RobotMesh | None = None) -> Robot
         },
         cables={cable.name: CablePart(drives[cable.name]) for cable in settings.cables},
         contacts={
-            contact.name: ContactPart(contact.chart(faces, mesh.mesh.nodes), contact.radius, contact.at_once, *contact.ranges)
+            contact.name: ContactPart(
+                contact.chart(faces, mesh.mesh.nodes), contact.radius, contact.at_once, *contact.ranges
+            )
             for contact in settings.contacts
         },
         points={point.name: np.array(point.at) for point in settings.points},

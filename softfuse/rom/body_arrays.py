@@ -60,13 +60,17 @@ def body_of(full: Body, arrays: Arrays, points: Sequence[int], watched: int) -> 
         pressure_unit=full.pressure_unit,
         modes=jnp.asarray(modes),
         index=full.displacement_index,
+        pressure_modes=jnp.asarray(arrays["pressure"]),
+        factors=full.factors,
         seen=place_among(nodes, full.n_nodes, watched),
         seen_shapes=jnp.asarray(shapes),
         sample=tuple(sample),
         linear=jnp.asarray(arrays["linear"]),
         weight=jnp.asarray(arrays["weight"]),
         rest_volume=full.volume,
+        carried=carried(full, modes, len(arrays["weight"])),
         stiffness=jnp.asarray(arrays["stiffness"]),
+        element=full.element,
         n=len(arrays["weight"]),
     )
 
@@ -84,6 +88,20 @@ def of_nodes(
     index = np.asarray(body.displacement_index)[nodes]
     free = index < len(displacement)
     return np.where(free[:, :, None], displacement[np.where(free, index, 0)], 0)
+
+
+def carried(body: Body, displacement: Float[np.ndarray, "u m"], n: int) -> Float[Array, "n_plus_1 6"]:
+    """Gravity's force and moment about the origin (n + 1, 6) by each of n unknowns, of which modes of the
+    displacement unknowns come first; then at rest.
+    """
+    found = np.zeros((n + 1, 6))
+    found[-1] = np.asarray(jax.jit(type(body).weight_resultant)(body, jnp.zeros(body.n)))
+    gravity = np.asarray(body.gravity)
+    if np.any(found[-1]):
+        masses, nodes = np.asarray(body.masses()), np.arange(body.n_nodes)
+        first = np.einsum("k,kim->mi", masses, of_nodes(body, nodes, displacement), dtype=float)
+        found[: displacement.shape[1], 3:] = np.cross(first, gravity)
+    return jnp.asarray(found)
 
 
 def place_among(watched: Int[np.ndarray, " w"], nodes: int, room: int) -> Int[Array, " k"]:

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from softfuse.body.body import Body
 from softfuse.errors import SolveError
@@ -20,6 +20,7 @@ from softfuse.mechanics.load import AbstractContact, AbstractLoad, AbstractPorts
 from softfuse.mechanics.patch import NormalPatches, PatchContact
 from softfuse.mechanics.points import AbstractGuides
 from softfuse.mechanics.punch import Punch, PunchContact
+from softfuse.mechanics.surface_ports import CellPorts, PlacePorts
 from softfuse.mechanics.volume import VolumePorts
 from softfuse.rom.basis import Basis
 from softfuse.rom.chart import Chart
@@ -83,6 +84,11 @@ class ProjectedVolumePorts(AbstractPorts):
         """No springs."""
         return jnp.zeros_like(self.volumes.rest)
 
+    def resultants(self, body, z):
+        """Nothing: rigid motions keep the volume inside a closed surface (6, p)."""
+        del body, z
+        return jnp.zeros((6, len(self.volumes.rest)))
+
 
 class ProjectedPatches(AbstractContact):
     """Patches at e points (e, 3) m, each place being taken for the nearest: their `offsets` (c,) [m], and the
@@ -103,15 +109,17 @@ class ProjectedPatches(AbstractContact):
         """The patches at the point nearest to a place."""
         del body
         number = jnp.argmin(jnp.sum((self.points - place[0]) ** 2, axis=1))
-        return NormalPatches(LinearPorts(self.rest[number], self.slopes[number]))
+        return NormalPatches(PlacePorts(self.rest[number], self.slopes[number], self.drives))
 
 
 class ProjectedDiscs(AbstractContact):
-    """Discs anywhere on a surface: `disc` on faces of watched nodes, numbered among these, `seen` where they
-    are at rest, and what a newton on each does to the modes, `slopes` (m, w); of n unknowns.
+    """Discs anywhere on a surface: `disc` on faces of watched nodes, numbered among these, w otherwise;
+    `watched` (w + 1,): the body's numbers of these, `seen` where they are at rest, and what a newton on each
+    does to the modes, `slopes` (m, w); of n unknowns.
     """
 
     disc: Contact
+    watched: Int[Array, " w_plus_1"]
     seen: SeenFaces
     slopes: Float[Array, "m w"]
     n: int = eqx.field(static=True)
@@ -126,24 +134,30 @@ class ProjectedDiscs(AbstractContact):
         disc = eqx.tree_at(lambda disc: disc.location, self.disc, place[0])
         on = disc.surface.land_on(self.seen, disc.points)
         (m, w), count = self.slopes.shape, disc.cells.count
-        pushed = jnp.zeros((count, w + 1)).at[disc.cells.cell[:, None], on.nodes].add(disc.parts(on))
+        parts, nodes = disc.parts(on), self.watched[on.nodes]
+        pushed = jnp.zeros((count, w + 1)).at[disc.cells.cell[:, None], on.nodes].add(parts)
         rows = jnp.einsum("mw,cw->mc", self.slopes, pushed[:, :w].astype(self.slopes.dtype)).astype(float)
         lost = jnp.where(pushed[:, w] != 0, jnp.nan, 0.0)
-        return Punch.pushing(jnp.concatenate([rows + lost, jnp.zeros((self.n - m, count))]), disc, body)
+        slopes = jnp.concatenate([rows + lost, jnp.zeros((self.n - m, count))])
+        heights = disc.heights(eqx.tree_at(lambda o: o.nodes, on, nodes), body.rest)
+        cell, along = disc.cells.cell, disc.surface.direction
+        return Punch.on(CellPorts(heights, slopes, along, nodes, parts, cell), disc, body)
 
 
 def projected_discs(contact: PunchContact, small: ReducedBody) -> ProjectedDiscs:
     """Discs on a reduced body."""
-    faces, seen, slopes = _seen_by_discs(contact.disc.surface, small)
+    faces, watched, seen, slopes = _seen_by_discs(contact.disc.surface, small)
     disc = eqx.tree_at(lambda disc: disc.surface.faces, contact.disc, faces)
-    return ProjectedDiscs(disc, seen, slopes, small.n)
+    return ProjectedDiscs(disc, watched, seen, slopes, small.n)
 
 
 @eqx.filter_jit
-def _seen_by_discs(surface: ContactSurface, small: ReducedBody) -> tuple[Array, SeenFaces, Array]:
+def _seen_by_discs(surface: ContactSurface, small: ReducedBody) -> tuple[Array, Array, SeenFaces, Array]:
     # One program, as a dozen small ones would take a second to compile.
     along = jnp.einsum("wim,i->mw", small.seen_shapes, surface.direction.astype(small.seen_shapes.dtype))
-    return small.seen[surface.faces], surface.seen(small.rest), along
+    # Those that are watched come first when sorted by their places; one more stands for all others.
+    watched = jnp.argsort(small.seen, stable=True)[: small.seen_shapes.shape[0] + 1]
+    return small.seen[surface.faces], watched, surface.seen(small.rest), along
 
 
 def projected_patches(
@@ -152,7 +166,7 @@ def projected_patches(
     """The patches of a full body at places (e, 3, 3) on one of some modes."""
 
     @eqx.filter_jit
-    def frames(contact: PatchContact, body: Body, place: Array) -> LinearPorts:
+    def frames(contact: PatchContact, body: Body, place: Array) -> PlacePorts:
         return contact.load(body, place).ports
 
     each = [frames(contact, body, jnp.asarray(place)) for place in places]

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from softfuse.body.body import Body
-from softfuse.rom.body_arrays import of_nodes, place_among
+from softfuse.rom.body_arrays import carried, of_nodes, place_among
 from softfuse.rom.chart import Chart
 from softfuse.rom.mode_points import ModePoints
 from softfuse.rom.reduced_body import ReducedBody
@@ -35,12 +35,16 @@ def project(body: Body, stiffness: RestStiffness, chart: Chart) -> ReducedBody:
         pressure_unit=body.pressure_unit,
         modes=jnp.asarray(chart.basis.displacement),
         index=body.displacement_index,
+        pressure_modes=jnp.asarray(chart.basis.pressure),
+        factors=body.factors,
         seen=place_among(watched, body.n_nodes, len(watched)),
         seen_shapes=jnp.asarray(of_nodes(body, watched, chart.basis.displacement)),
         sample=sample,
         linear=jnp.asarray(linear),
         weight=jnp.asarray(columns.T @ np.asarray(body.weight)),
         rest_volume=body.volume,
+        carried=carried(body, chart.basis.displacement, n),
         stiffness=jnp.asarray(1 / chart.compliance),
+        element=body.element,
         n=n,
     )

@@ -22,6 +22,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from softfuse.body.base import AbstractBody
+from softfuse.body.element import Element
+from softfuse.material.base import AbstractMaterial
 from softfuse.rom.mode_points import ModePoints
 
 
@@ -29,10 +31,12 @@ class ReducedBody(AbstractBody):
     """See the module; m of the n unknowns are displacement modes.
 
     `modes` (u, m) [m]: the displacement modes; `index` (k, 3): which of their rows each node's components
-    are, u or more for held ones; `seen` (k,): the place of each watched node in `seen_shapes` (w, 3, m) [m],
-    w for nodes that nothing looks at; `sample`: the weighted points, those of each material together;
-    `linear` (n, n): K₀ − Σ w B_qᵀ s'(0) B_q, or 0; `weight` (n,): g; `rest_volume` [m³]; `stiffness` [N/m]:
-    of the body under a contact, by which energies are told as forces.
+    are, u or more for held ones; `pressure_modes` (c, n − m) [-]: in units of pressure at the pressure nodes;
+    `seen` (k,): the place of each watched node in `seen_shapes` (w, 3, m) [m], w for nodes that nothing looks
+    at; `sample`: the weighted points, those of each material together; `linear` (n, n): K₀ − Σ w B_qᵀ s'(0)
+    B_q, or 0; `weight` (n,): g; `rest_volume` [m³]; `carried` (n + 1, 6): gravity's resultant
+    by each unknown, then at rest; `stiffness` [N/m]: of the body under a contact, by which energies are told
+    as forces.
     """
 
     rest: Float[Array, "k 3"]
@@ -40,19 +44,27 @@ class ReducedBody(AbstractBody):
     pressure_unit: Float[Array, ""]
     modes: Float[Array, "u m"]
     index: Int[Array, "k 3"]
+    pressure_modes: Float[Array, "c b"]
+    factors: Float[Array, " e"] | None
     seen: Int[Array, " k"]
     seen_shapes: Float[Array, "w 3 m"]
     sample: tuple[ModePoints, ...]
     linear: Float[Array, "n n"]
     weight: Float[Array, " n"]
     rest_volume: Float[Array, ""]
+    carried: Float[Array, "n_plus_1 6"]
     stiffness: Float[Array, ""]
+    element: Element = eqx.field(static=True)
     n: int = eqx.field(static=True)
 
     @property
     def displacement_modes(self) -> int:
         """m: how many of the unknowns move nodes."""
         return self.modes.shape[1]
+
+    def law(self, region: int) -> AbstractMaterial:
+        """The material of a region of its mesh."""
+        return self.sample[region].material
 
     @property
     def volume(self) -> Float[Array, ""]:
@@ -95,8 +107,14 @@ class ReducedBody(AbstractBody):
     def rough(self) -> "ReducedBody":
         """With modes and sample, what is beyond the linear part, in single precision."""
         sample = tuple(points.single() for points in self.sample)
-        modes, seen = (each.astype(jnp.float32) for each in (self.modes, self.seen_shapes))
-        return replace(self, sample=sample, modes=modes, seen_shapes=seen)
+        modes, pressures, seen = (
+            each.astype(jnp.float32) for each in (self.modes, self.pressure_modes, self.seen_shapes)
+        )
+        return replace(self, sample=sample, modes=modes, pressure_modes=pressures, seen_shapes=seen)
+
+    def weight_resultant(self, z: Float[Array, " n"]) -> Float[Array, "6"]:
+        """Gravity's force [N], and its moment about the origin [Nm], on the whole body (6,)."""
+        return z @ self.carried[:-1] + self.carried[-1]
 
     def stiffened(
         self,
@@ -126,6 +144,10 @@ class ReducedBody(AbstractBody):
         """Displacements (k, 3) m of the nodes that loads and functionals look at, NaN of others."""
         moved = self.seen_shapes @ z[: self.displacement_modes]
         return jnp.concatenate([moved, jnp.full((1, 3), jnp.nan)])[self.seen]
+
+    def pressures(self, z: Float[Array, " n"], nodes: Int[Array, "..."]) -> Float[Array, "..."]:
+        """Pressures (...) [Pa], tension positive, of pressure nodes (...) of mixed elements."""
+        return self.pressure_unit * (self.pressure_modes[nodes] @ z[self.displacement_modes :])
 
     def spread(self, nodes: Int[Array, "..."], forces: Float[Array, "... 3 c"]) -> Float[Array, "n c"]:
         """c generalised forces (n, c) of forces (..., 3, c) [N] on nodes (...); NaN where one is on a node

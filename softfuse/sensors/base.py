@@ -308,7 +308,9 @@ class SensorSettings(Settings):
     def _one_each(self, key: str, values: Sequence[object], count: int) -> None:
         """Raise the error of a validator unless there is one value, or one for each of so many."""
         if len(values) not in (1, count):
-            raise wrong_value(f"{len(values)} values for {count}: give one, or one for each", key=key)
+            raise wrong_value(
+                f"{len(values)} values for {count} channels: give one, or one for each", key=key
+            )
 
     def _wrong(self, message: str) -> ConfigError:
         return ConfigError(f'sensor "{self.name}": {message}')

@@ -7,10 +7,18 @@ from types import MappingProxyType
 
 from softfuse.sensors.base import SensorSettings
 from softfuse.sensors.cable_length import CableLengthSettings
+from softfuse.sensors.cable_tension import CableTensionSettings
 from softfuse.sensors.crossed.settings import CrossedSettings
+from softfuse.sensors.curvature import BraggSettings
 from softfuse.sensors.electrodes.sensor import ElectrodeSettings
+from softfuse.sensors.embedded_line import LineLengthSettings, LiquidMetalSettings
+from softfuse.sensors.embedded_sheet import SheetSettings
 from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.indenter import IndenterSettings
+from softfuse.sensors.marker import MarkerSettings
 from softfuse.sensors.mutual.settings import MutualSettings
+from softfuse.sensors.orientation import AccelerometerSettings, AttitudeSettings
+from softfuse.sensors.point_pressure import PointPressureSettings
 from softfuse.sensors.pressure.sensor import PressureSettings
 
 SENSORS: Mapping[str, type[SensorSettings]] = MappingProxyType(
@@ -21,5 +29,15 @@ SENSORS: Mapping[str, type[SensorSettings]] = MappingProxyType(
         "mutual-4x4": MutualSettings,
         "electrodes": ElectrodeSettings,
         "cable-length": CableLengthSettings,
+        "cable-tension": CableTensionSettings,
+        "marker": MarkerSettings,
+        "accelerometer": AccelerometerSettings,
+        "attitude": AttitudeSettings,
+        "liquid-metal": LiquidMetalSettings,
+        "line-length": LineLengthSettings,
+        "dielectric-sheet": SheetSettings,
+        "bragg-gratings": BraggSettings,
+        "point-pressure": PointPressureSettings,
+        "indenter": IndenterSettings,
     }
 )

@@ -343,8 +343,7 @@ class SensorSuite(eqx.Module):
         )
 
     def _contact(self, number: int, context: Context, evidence: Sequence[Evidence]):
-        """touching, located, allowed, unseen (c,), places (c, 3, 3), sigma (c, 2) of the slots of a contact.
-        """
+        """touching, located, allowed, unseen (c,), places (c, 3, 3), sigma (c, 2) of the slots of a contact."""
         contact = self.contacts[number]
         seen = [evidence[k] for k in contact.seen_by]
         no = jnp.zeros(contact.slots, bool)

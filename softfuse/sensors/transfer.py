@@ -22,8 +22,7 @@ def number(value: Any) -> float:
 
 
 def in_output(volts: Dimension, digital: Dimension | None = None) -> BeforeValidator:
-    """Reads a quantity in the output's unit: of one dimension for volts, of another or none for digital ones.
-    """
+    """Reads a quantity in the output's unit: of one dimension for volts, of another or none for digital ones."""
 
     def parse(value: Any, info: ValidationInfo) -> float:
         if info.data.get("output", "volts") == "volts":
@@ -33,12 +32,17 @@ def in_output(volts: Dimension, digital: Dimension | None = None) -> BeforeValid
     return BeforeValidator(parse)
 
 
-def of_part(data: Any, parts: Mapping[str, Mapping[str, Any]], default: str | None = None) -> Any:
-    """Settings with the constants of the part that they name; a part that is not known is left to be refused.
-    """
-    if not isinstance(data, Mapping):
+def of_part(data: Any, parts: Mapping[str, Mapping[str, Any]]) -> Any:
+    """Settings with the constants of the part that they name; the error of a validator where it is not known."""
+    if not isinstance(data, Mapping) or data.get("part") is None:
         return data
-    return {**parts.get(data.get("part", default), {}), **data}
+    part = data["part"]
+    if part not in parts:
+        known = ", ".join(parts)
+        raise wrong_value(
+            f"{shown(part)} is none of {known}: leave it out and give its constants", key="part"
+        )
+    return {**parts[part], **data}
 
 
 Raw = Annotated[float, in_output(VOLTAGE)]

@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import peak_model
 
 from softfuse.calibration.array_pose import pose_slopes
 from softfuse.calibration.electrode_gains import GainFit, LineSignals, fit_gains
-from softfuse.sensors import peak_model
 from softfuse.sensors.crossed.array_pose import ArrayPose
 from softfuse.sensors.crossed.peak_model import peak_signal
 

@@ -25,9 +25,9 @@ from softfuse.cli.sweep_worker import Chunk, Pressed, solve_chunk
 from softfuse.cli.version import installed_version
 from softfuse.robot.file import load, save_edited
 from softfuse.config.build_device import build_device
-from softfuse.experiment.sweep_series import build_series
+from softfuse.robot.press_series import build_series
 from softfuse.robot.digest import digest
-from softfuse.experiment.sweep_plan import load_plan
+from softfuse.robot.press_plan import load_plan
 from softfuse.errors import SoftfuseError
 from softfuse.mechanics.cable import ShortenedCable
 from softfuse.mechanics.model import simulate

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import capacitive_array, d6f_p0001a1, peak_model, touch_detector
 
 from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
@@ -14,19 +15,13 @@ from softfuse.robot.laws import materials_of
 from softfuse.robot.mesh import build_mesh
 from softfuse.config.build_sensors import (
     build_sensors,
-    contact_peak,
-    electrode_array,
-    flow_sensor,
-    touch_thresholds,
 )
-from softfuse.config.sensors import CapacitiveSettings, FlowSettings
 from softfuse.errors import ConfigError
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.files import write_mesh, write_surface
 from softfuse.mesh.shell import shell_of
 from softfuse.mesh.surface import centroid, enclosed_volume
 from softfuse.mesh.tetmesh import tet_mesh, volumes
-from softfuse.sensors import CapacitiveArray, capacitive_array, d6f_p0001a1, peak_model, touch_detector
 
 Write = Callable[..., Path]
 
@@ -209,36 +204,10 @@ def _same(a: object, b: object) -> bool:
     )
 
 
-def _lines(count: int) -> CapacitiveArray:
-    """An array of so many lines of which nothing is known."""
-    return capacitive_array(gain=jnp.ones(count), untouched_counts=jnp.full(count, jnp.inf))
-
-
-def test_defaults_are_those_of_the_sensing_stage() -> None:
-    flow = flow_sensor(FlowSettings(type="D6F-P0001A1", channels=("a", "b")))
-    assert _same(flow, d6f_p0001a1(2))
-    lines = ["-10 mm", "0 mm", "10 mm"]
-    array = CapacitiveSettings.model_validate(
-        {
-            "type": "crossed-diamonds",
-            "row_y": lines,
-            "column_x": lines,
-            "row_depth": "2 mm",
-            "column_depth": "1 mm",
-            "row_channels": ["a", "b", "c"],
-            "column_channels": ["d", "e", "f"],
-        }
-    )
-    assert _same(electrode_array(array), _lines(6))
-    assert _same(touch_thresholds(array), touch_detector())
-    at = jnp.array([-0.01, 0.0, 0.01])
-    assert _same(contact_peak(array, 10e-3), peak_model(at, at, 2e-3, 1e-3))
-
-
 def test_the_pads_own_values_are_those_of_its_data_sheets(write: Write) -> None:
     sensors = build_sensors(load(write()))
     assert _same(sensors.flow, d6f_p0001a1(4))
-    assert _same(sensors.array, _lines(16))
+    assert _same(sensors.array, capacitive_array())
     assert _same(sensors.touch, touch_detector())
     lines = 1e-3 * (-28 + 8 * jnp.arange(8))
     assert _same(sensors.peak, peak_model(lines, lines, 1.5e-3, 1.0e-3))

@@ -7,14 +7,14 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import electrode_detector, nxp
 
 from softfuse.robot.file import RobotSettings, load
 from softfuse.config.build_attached import build_attached, build_centreline, build_points
 from softfuse.config.build_device import build_device, build_limits, build_rates, with_contact_model
-from softfuse.config.build_finger_sensors import build_finger_sensors, electrode_thresholds, pressure_sensor
-from softfuse.robot.mesh import RobotMesh, build_mesh
+from softfuse.config.build_finger_sensors import build_finger_sensors
+from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.build_sensors import build_sensors
-from softfuse.config.sealed_sensors import ElectrodeSettings, PressureSettings
 from softfuse.errors import ConfigError
 from softfuse.functional.cable import length
 from softfuse.functional.cavity import Cavity
@@ -25,7 +25,6 @@ from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.patch import PatchContact
 from softfuse.mesh.surface import outer_surface
-from softfuse.sensors import electrode_detector, mpx5100a, mpx5100d
 
 Write = Callable[..., Path]
 Edited = Callable[..., RobotSettings]
@@ -186,7 +185,7 @@ def test_a_device_may_have_no_points(edited: Edited, device: Model) -> None:
     ("old", "new", "told"),
     [
         ('["22 mm", "0 mm", "3 mm"]', '["30 mm", "0 mm", "3 mm"]',
-         r"cable\[0\].guides: point 2 at \(30, 0, 3\) mm lies outside the body: move it into the material"),
+         r"cable\[0\].guides: point 2 at \(30, 0, 3\) mm lies outside the body by 3 mm: move it into the material"),
         ('["60 mm", "0 mm", "10 mm"]', '["60 mm", "5 mm", "10 mm"]',
          r"centreline.points: point 2 at \(60, 5, 10\) mm lies outside the body"),
         ('at = ["105 mm", "0 mm"', 'at = ["125 mm", "0 mm"', r"point: point 1 at \(125, 0, 10\) mm"),
@@ -245,18 +244,9 @@ def _same(a: object, b: object) -> bool:
     return bool(eqx.tree_equal(a, b))
 
 
-def test_defaults_are_those_of_the_sensing_stage() -> None:
-    names = ("a", "b", "c")
-    assert _same(electrode_thresholds(ElectrodeSettings(channels=names)), electrode_detector(3))
-    absolute = PressureSettings(type="MPX5100A", channels=names)
-    assert _same(pressure_sensor(absolute, 101325.0), mpx5100a(3))
-    for part in ("MPX5100D", "MPX5100G"):
-        assert _same(pressure_sensor(PressureSettings(type=part, channels=names), 9e4), mpx5100d(3))
-
-
-def test_the_fingers_own_values_are_those_of_its_data_sheets(config: RobotSettings) -> None:
+def test_the_fingers_own_values_are_those_of_its_data_sheets(config: DeviceConfig) -> None:
     pressure, electrodes = build_finger_sensors(config)
-    assert _same(pressure, mpx5100a(6))
+    assert _same(pressure, nxp("MPX5100A", 6))
     assert _same(electrodes, electrode_detector(12))
 
 
@@ -285,7 +275,7 @@ def test_settings_reach_the_sensors(edited: Edited) -> None:
         )
     )
     np.testing.assert_allclose(pressure.rest_Pa, 95e3)
-    assert (float(pressure.supply_V), float(pressure.clip_low_V), pressure.lag) == (5.1, 3e-3, 7)
+    assert (float(pressure.reference), float(pressure.clip_low), pressure.lag) == (5.1, 3e-3, 7)
     assert (float(pressure.gain_sigma), float(pressure.hold_off_s)) == (0.02, 2.0)
     assert (float(pressure.tare.settle_s), float(pressure.tare.drift_Pa_s)) == (2.0, pytest.approx(0.1))
     leak = pressure.leak

@@ -2,20 +2,12 @@
 
 from pathlib import Path
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.robot.file import load
-from softfuse.config.build_mutual import build_mutual_senses, mutual_grid
-from softfuse.config.mutual import MutualSettings
+from softfuse.config import load
+from softfuse.config.build_mutual import build_mutual_senses
 from softfuse.errors import ConfigError
-from softfuse.sensors.capacitive import capacitive_array
-from softfuse.sensors.mutual.fit import splitting
-from softfuse.sensors.mutual.grid import MutualGrid
-from softfuse.sensors.mutual.model import mutual_model
-from softfuse.sensors.mutual.touch_tracks import touch_follower
 
 CONFIG = Path(__file__).parents[2] / "configs" / "pad_mutual.toml"
 LINES = (-24e-3, -8e-3, 8e-3, 24e-3)
@@ -27,21 +19,6 @@ def written(path: Path, old: str, new: str) -> Path:
     assert text.count(old) == 1
     path.write_text(text.replace(old, new), encoding="utf-8")
     return path
-
-
-def test_defaults_are_those_of_the_sensing_stage() -> None:
-    lines = [f"{1e3 * x:g} mm" for x in LINES]
-    channels = [f"c{k}" for k in range(16)]
-    given = {"type": "mutual-4x4", "row_y": lines, "column_x": lines, "channels": channels}
-    usual = MutualGrid(
-        capacitive_array(negative_sigma=np.inf),
-        mutual_model(LINES, LINES),
-        splitting(),
-        touch_follower(),
-        jnp.asarray(8.0),
-        4,
-    )
-    assert eqx.tree_equal(mutual_grid(MutualSettings.model_validate(given)), usual, rtol=1e-12)
 
 
 def test_the_example_follows_two_contacts() -> None:

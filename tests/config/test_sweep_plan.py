@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from softfuse.robot.file import load
-from softfuse.experiment.sweep_series import build_series, shortened_cables
+from softfuse.robot.press_series import build_series, shortened_cables
 from softfuse.robot.digest import digest
-from softfuse.experiment.sweep_plan import ElectrodePlaces, load_plan
+from softfuse.robot.press_plan import ElectrodePlaces, load_plan
 from softfuse.errors import ConfigError
-from softfuse.experiment.sweep import Series
+from softfuse.robot.press_series import Series
 
 Write = Callable[..., Path]
 

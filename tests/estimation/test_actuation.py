@@ -50,7 +50,7 @@ def robot() -> Robot:
         body, np.array([[x, 0.010, 0.006] for x in ALONG]), np.array([0, 0.010, 0.006])
     )
     tip = int(np.argmin(np.linalg.norm(mesh.nodes - [LENGTH, SIDE, SIDE], axis=1)))
-    sensors = tuple(Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
+    sensors = (Marker.of(body, mesh.nodes[tip]),)
     sides = np.array([[[0.045, SIDE, 0.006]], [[0.045, 0.006, SIDE]]])
     inwards = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
     contact = PatchContact.on(boundary_faces(mesh).faces, sides, inwards, uniform(rings=3, angles=8), 0.003)

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import d6f_p0001a1
 
 from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
@@ -22,7 +23,6 @@ from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
-from softfuse.sensors import d6f_p0001a1
 from softfuse.sensors.mutual.field import Thing
 from softfuse.sensors.status import Status
 

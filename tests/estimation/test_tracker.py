@@ -11,6 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import d6f_p0001a1
 
 from softfuse.robot.file import load
 from softfuse.config.build_sensors import build_sensors
@@ -18,7 +19,6 @@ from softfuse.estimation.model_error import ModelError
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker, TrackerSettings
 from softfuse.hardware.recording import read_recording
-from softfuse.sensors import d6f_p0001a1
 from softfuse.sensors.pad_senses import PadSenses
 from softfuse.sensors.status import Status
 

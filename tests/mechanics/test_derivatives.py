@@ -50,7 +50,8 @@ class Model:
         newton = Newton(Dense.plan(body), step_tolerance=1e-12)
         cells = flat_punch((0.6, 1.0), (1, 4))
         volume = Cavity(jnp.asarray(skin))
-        marker = Marker(top.faces[0], jnp.full(6, 1 / 6), jnp.array([0.6, 0.0, 0.8]))
+        camera = np.array([[0.6, 0.0, -0.8], [0.0, 1.0, 0.0], [0.8, 0.0, 0.6]])
+        marker = Marker.of(body, np.array([0.011, 0.008, 0.009]), rotation=camera, components=(0,))
         self.traces = 0
 
         def read(cause: Cause, start: State) -> Effect:
@@ -60,7 +61,8 @@ class Model:
             loads = Loads((Punch.of(disc, changed),))
             solution = solve(newton, changed, loads, cause.force, start)
             x = changed.rest + changed.displacement(solution.state.z)
-            readings = jnp.stack([marker(x), volume(x), solution.state.internal[0]])
+            seen = marker.value(changed, solution.state.z)[0]
+            readings = jnp.stack([seen, volume(x), solution.state.internal[0]])
             return Effect(readings, solution.state, solution.result)
 
         def forward(cause, start, direction):

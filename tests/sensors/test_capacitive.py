@@ -3,8 +3,9 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from made_sensors import capacitive_array
 
-from softfuse.sensors import array_init, array_signal, capacitive_array, electrode_image, track_baseline
+from softfuse.sensors.capacitive import array_init, array_signal, electrode_image, track_baseline
 
 ARRAY = capacitive_array()
 

@@ -5,8 +5,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import electrode_detector
 
-from softfuse.sensors import capacitive_array, electrode_detector, electrode_init, electrode_update
+from softfuse.sensors.electrodes.detector import electrode_init, electrode_update
 
 DETECTOR = electrode_detector(12)
 DT = 0.01
@@ -139,7 +140,7 @@ def test_a_missing_electrode_is_lost_but_not_stuck_and_comes_back_untouched():
 
 
 def test_a_touch_without_end_is_stuck_and_calibrated_away():
-    detector = electrode_detector(12, longest_touch_s=20.0, array=capacitive_array(creep_time_s=10.0))
+    detector = electrode_detector(12, longest_touch=20.0, creep_time=10.0)
     counts = idle(8000)
     counts[500:, 7] += 2000.0
     counts[500:1500, 2] += 2000.0
@@ -154,7 +155,7 @@ def test_a_touch_without_end_is_stuck_and_calibrated_away():
 
 
 def test_what_was_calibrated_away_does_not_hide_the_next_touch():
-    detector = electrode_detector(12, longest_touch_s=5.0, array=capacitive_array(creep_time_s=2.0))
+    detector = electrode_detector(12, longest_touch=5.0, creep_time=2.0)
     counts = idle(4000)
     counts[200:2500, 0] += 2000.0
     counts[2700:3500, 0] += 1500.0

@@ -5,8 +5,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import d6f_p0001a1
 
-from softfuse.sensors import d6f_p0001a1, flow_init, flow_update
+from softfuse.sensors.flow.filter import flow_init, flow_update
 
 SENSOR = d6f_p0001a1(4)
 SENSITIVITY = 1.2e6  # V s/m^3, 20 V per L/min

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.sensors import gauge_pressure_of, tube_volume, volume_change_of, volume_change_sigma_of
+from softfuse.sensors.gas import gauge_pressure_of, tube_volume, volume_change_of, volume_change_sigma_of
 
 REST = jnp.asarray([480e-9, 4704e-9, 1000e-9])
 DEAD = jnp.asarray([785e-9, 0.0, 300e-9])

@@ -5,18 +5,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import leak_test, nxp
 
-from softfuse.sensors import (
-    leak_init,
-    leak_rate,
-    leak_test,
-    leak_update,
-    mpx5100a,
-    mpx5100g,
-    pressure_init,
-    pressure_update,
-    volts_of,
-)
+from softfuse.sensors.pressure.filter import pressure_init, pressure_update, raw_of
+from softfuse.sensors.pressure.leak import leak_init, leak_rate, leak_update
 
 RATE = 50.0
 P0 = 101325.0
@@ -68,7 +60,7 @@ def digitised(sensor, pressure, seed):
     """Volts of parts with their own offsets, 2 mV noise and a 12-bit converter."""
     rng = np.random.default_rng(seed)
     offset = rng.uniform(-1.5e3, 1.5e3, pressure.shape[1])
-    volts = np.asarray(volts_of(sensor, sensor.rest_Pa + pressure + offset, jnp.asarray(5.0)))
+    volts = np.asarray(raw_of(sensor, sensor.rest_Pa + pressure + offset, jnp.asarray(5.0)))
     step = 5.0 / 4096
     return step * np.clip(np.round((volts + 2e-3 * rng.standard_normal(volts.shape)) / step), 0, 4095)
 
@@ -120,7 +112,7 @@ def test_ten_minutes_of_healthy_presses_and_drift_raise_no_alarm(press_s, rest_s
     time, edges = presses(600.0, press_s, rest_s, seed=1)
     strain = strain_of(time, edges, AMPLITUDE, seed=2)
     pressure = gas(strain, drifting_warmth(time), NEVER)
-    leaking, rate, sigma = judge(mpx5100a(AMPLITUDE.size), time, edges, pressure)
+    leaking, rate, sigma = judge(nxp("MPX5100A", AMPLITUDE.size), time, edges, pressure)
     assert len(edges) > 30
     assert not leaking.any()
     # Not even close: a false alarm would take 5.
@@ -134,7 +126,7 @@ def test_a_leak_that_opens_after_five_minutes_is_seen_and_its_rate_told(tau_s):
     opened = time > 300.0
     tau = np.where(opened[:, None] & (np.arange(6) < 4), tau_s, NEVER)
     strain = strain_of(time, edges, amplitude, seed=5)
-    leaking, rate, sigma = judge(mpx5100a(6), time, edges, gas(strain, drifting_warmth(time), tau))
+    leaking, rate, sigma = judge(nxp("MPX5100A", 6), time, edges, gas(strain, drifting_warmth(time), tau))
     after = [end for _, end in edges if end > 302.0]
     assert not leaking[~opened].any()
     assert not leaking[:, 4:].any()
@@ -150,7 +142,7 @@ def test_a_mended_cavity_is_believed_again():
     amplitude = np.array([0.04, -0.04])
     tau = np.where(time[:, None] < 100.0, 10.0, NEVER) * np.ones(2)
     strain = strain_of(time, edges, amplitude, seed=7)
-    leaking, _, _ = judge(mpx5100a(2), time, edges, gas(strain, 0.0 * time, tau))
+    leaking, _, _ = judge(nxp("MPX5100A", 2), time, edges, gas(strain, 0.0 * time, tau))
     assert leaking[(time > 60.0) & (time < 100.0)].all()
     assert not leaking[time > 150.0].any()
 
@@ -160,7 +152,7 @@ def test_a_gauge_part_sees_the_leak_of_a_squeezed_cavity():
     amplitude = np.array([0.02, 0.02])
     tau = np.array([20.0, NEVER])
     strain = strain_of(time, edges, amplitude, seed=9)
-    leaking, _, _ = judge(mpx5100g(2), time, edges, gas(strain, 0.0 * time, tau))
+    leaking, _, _ = judge(nxp("MPX5100G", 2), time, edges, gas(strain, 0.0 * time, tau))
     assert leaking[-1, 0]
     assert not leaking[:, 1].any()
 
@@ -169,7 +161,7 @@ def test_a_hand_that_gives_way_is_no_leak_while_it_presses_or_afterwards():
     time = np.arange(int(60 * RATE)) / RATE
     held = (time > 5.0) & (time < 45.0)
     strain = np.where(held, 0.05 * np.exp(-(time - 5.0) / 10.0), 0.0)[:, None] * np.array([1.0, -1.0])
-    leaking, _, _ = judge(mpx5100a(2), time, [(5.0, 45.0)], gas(strain, 0.0 * time, NEVER))
+    leaking, _, _ = judge(nxp("MPX5100A", 2), time, [(5.0, 45.0)], gas(strain, 0.0 * time, NEVER))
     assert not leaking.any()
 
 
@@ -178,7 +170,7 @@ def test_readings_that_are_lost_during_a_press_are_no_evidence(tau_s, leaks):
     time = np.arange(int(80 * RATE)) / RATE
     edges = [(3.0, 63.0)]
     strain = strain_of(time, edges, np.array([0.1, 0.1]), seed=1)
-    sensor = mpx5100a(2)
+    sensor = nxp("MPX5100A", 2)
     volts = digitised(sensor, gas(strain, 0.0 * time, tau_s), 2)
     volts[(time > 4.0) & (time < 60.0), 1] = np.nan
     leaking, rate, sigma = scan_frames(sensor, volts, (time < 3.03) | (time > 63.02))
@@ -216,7 +208,7 @@ def test_the_rate_is_unbiased_and_its_error_what_sigma_says():
         pressure[i] = level + squeeze
         level = level - theta * pressure[i] * dt
     pressure += noise * rng.standard_normal(pressure.shape)
-    test = leak_test(memory_s=1e9)
+    test = leak_test(memory=1e9)
     rate, sigma = leak_rate(test, scan_test(test, pressure, at_rest, jnp.asarray(dt), noise))
     normalised = (np.asarray(rate) - theta) / np.asarray(sigma)
     assert abs(np.mean(normalised)) < 0.15
@@ -231,7 +223,7 @@ def test_a_single_press_has_the_rate_of_the_closed_form():
     held = 3000.0 * np.exp(-theta * (time - 4.0))
     after = -3000.0 * (1 - np.exp(-theta * 8.0)) * np.exp(-theta * (time - 12.0))
     pressure = np.where(time < 4.0, 0.0, np.where(time < 12.0, held, after))[:, None]
-    test = leak_test(prior_1_s=1e3)
+    test = leak_test(fastest=1e-3)
     rate, sigma = leak_rate(test, scan_test(test, pressure, at_rest, jnp.asarray(dt), 44.0))
     assert float(rate[0]) == pytest.approx(theta, rel=0.01)
     area = np.sum(held[(time >= 4.0) & (time < 12.0)]) * dt

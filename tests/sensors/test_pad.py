@@ -7,17 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import capacitive_array, d6f_p0001a1, peak_model, touch_detector
 
 from softfuse.hardware.recording import read_recording
-from softfuse.sensors import (
-    PadSensors,
-    capacitive_array,
-    d6f_p0001a1,
-    pad_sensor_init,
-    pad_sensor_update,
-    peak_model,
-    touch_detector,
-)
+from softfuse.sensors.pad import PadSensors, pad_sensor_init, pad_sensor_update
 
 LINES = (-28.0 + 8.0 * np.arange(8)) * 1e-3
 FLOW = [f"flow{i}_V" for i in range(4)]

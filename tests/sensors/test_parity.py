@@ -140,11 +140,12 @@ def test_pressure_single_electrodes_and_cable(damage):
 
     def finer(names, noise):
         rows = [np.interp(time, recording.time_s, recording.columns[name]) for name in names]
-        return np.array(rows).reshape(len(names), len(time)).T + rng.normal(0.0, noise, (len(time), len(names)))
+        return np.array(rows).reshape(len(names), len(time)).T + rng.normal(
+            0.0, noise, (len(time), len(names))
+        )
 
     raw = [
-        finer(names, noise)
-        for (names, _), noise in zip(sensors.groups, (1e-3, 0.0, 8.0, 0.02), strict=True)
+        finer(names, noise) for (names, _), noise in zip(sensors.groups, (1e-3, 0.0, 8.0, 0.02), strict=True)
     ]
     if damage == "broken":
         raw[0][400:600, 2] = np.nan

@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_sensors import peak_model
 
-from softfuse.sensors import fit_peak, fit_peak_of_honest, peak_model, peak_signal, weighted_mean_location
+from softfuse.sensors.capacitive import weighted_mean_location
+from softfuse.sensors.crossed.peak_fit import fit_peak, fit_peak_of_honest
+from softfuse.sensors.crossed.peak_model import peak_signal
 
 LINES = (-28.0 + 8.0 * np.arange(8)) * 1e-3
 MODEL = peak_model(LINES, LINES, 1.5e-3, 1.0e-3)

@@ -4,8 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import peak_model
 
-from softfuse.sensors import fit_peak, follow_peak, no_peak, peak_model, peak_signal
+from softfuse.sensors.crossed.peak_fit import fit_peak
+from softfuse.sensors.crossed.peak_follow import follow_peak, no_peak
+from softfuse.sensors.crossed.peak_model import peak_signal
 
 LINES = (-28.0 + 8.0 * np.arange(8)) * 1e-3
 MODEL = peak_model(LINES, LINES, 1.5e-3, 1.0e-3)

@@ -5,11 +5,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import mutual_model, peak_model
 from scipy.optimize import least_squares
 
 from softfuse.sensors.crossed.peak_fit import fit_peak
-from softfuse.sensors.crossed.peak_model import peak_model, peak_signal
-from softfuse.sensors.mutual.model import mutual_model, one_signal
+from softfuse.sensors.crossed.peak_model import peak_signal
+from softfuse.sensors.mutual.model import one_signal
 from softfuse.sensors.place_information import charge_of, place_told_by_grid, place_told_by_lines
 
 LINES = 8e-3 * (np.arange(8) - 3.5)
@@ -45,7 +46,7 @@ def test_the_strongest_line_of_a_contact_reads_what_is_asked() -> None:
 
 
 def test_a_grid_promises_the_spread_of_least_squares() -> None:
-    model = mutual_model(WIDE, WIDE, electrode_width_m=16e-3)
+    model = mutual_model(WIDE, WIDE, electrode_width=16e-3)
     place, coupling = jnp.array([3e-3, -5e-3]), 0.6
     told = place_told_by_grid(model, coupling, place[None])[0]
 
@@ -71,7 +72,7 @@ def test_a_grid_promises_the_spread_of_least_squares() -> None:
 
 @pytest.mark.parametrize("kind", ["lines", "grid"])
 def test_what_is_told_has_the_derivatives_of_differences(kind) -> None:
-    peak, grid = peak_model(LINES, LINES, 1.5e-3, 1e-3), mutual_model(WIDE, WIDE, electrode_width_m=16e-3)
+    peak, grid = peak_model(LINES, LINES, 1.5e-3, 1e-3), mutual_model(WIDE, WIDE, electrode_width=16e-3)
     charge = charge_of(peak, 3000.0)
 
     @jax.jit

@@ -5,17 +5,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import nxp
 
-from softfuse.sensors import (
-    mpx5100a,
-    mpx5100d,
-    mpx5100g,
-    pressure_init,
-    pressure_of,
-    pressure_update,
-    tare_settings,
-    volts_of,
-)
+from softfuse.sensors.pressure.filter import pressure_init, pressure_of, pressure_update, raw_of
+from softfuse.sensors.pressure.sensor import TareSettings
 
 DT = 0.01
 STEP_V = 5.0 / 4096
@@ -60,20 +53,20 @@ def press(n, begin, end, pressure_Pa, channels):
 
 
 def test_the_ends_of_the_range_are_those_of_the_data_sheet():
-    a, d = mpx5100a(2), mpx5100d(2)
-    np.testing.assert_allclose(volts_of(a, jnp.asarray([15e3, 115e3]), FIVE), [0.2, 4.7], rtol=1e-12)
-    np.testing.assert_allclose(volts_of(d, jnp.asarray([0.0, 100e3]), FIVE), [0.2, 4.7], rtol=1e-12)
+    a, d = nxp("MPX5100A", 2), nxp("MPX5100D", 2)
+    np.testing.assert_allclose(raw_of(a, jnp.asarray([15e3, 115e3]), FIVE), [0.2, 4.7], rtol=1e-12)
+    np.testing.assert_allclose(raw_of(d, jnp.asarray([0.0, 100e3]), FIVE), [0.2, 4.7], rtol=1e-12)
     np.testing.assert_allclose(pressure_of(d, jnp.asarray([0.245, 2.45]), FIVE), [1e3, 50e3], rtol=1e-12)
     np.testing.assert_allclose(
-        pressure_of(mpx5100g(1), jnp.asarray([2.352]), jnp.asarray(4.8)), [50e3], rtol=1e-12
+        pressure_of(nxp("MPX5100G", 1), jnp.asarray([2.352]), jnp.asarray(4.8)), [50e3], rtol=1e-12
     )
-    back = pressure_of(a, volts_of(a, jnp.asarray([20e3, 99e3]), jnp.asarray(5.1)), jnp.asarray(5.1))
+    back = pressure_of(a, raw_of(a, jnp.asarray([20e3, 99e3]), jnp.asarray(5.1)), jnp.asarray(5.1))
     np.testing.assert_allclose(back, [20e3, 99e3], rtol=1e-12)
 
 
-@pytest.mark.parametrize("part", [mpx5100a, mpx5100g])
+@pytest.mark.parametrize("part", ["MPX5100A", "MPX5100G"])
 def test_a_press_is_read_over_the_tare_whatever_the_part_is_off_by(part):
-    sensor = part(2)
+    sensor = nxp(part, 2)
     gauge = press(600, 300, 500, [5e3, 1e3], 2)
     volts = volts_at(sensor, gauge, offset_Pa=np.array([2.3e3, -2.3e3]), noise_V=2e-3)
     reading = read(sensor, volts, (np.arange(600) < 295) | (np.arange(600) > 505))
@@ -86,7 +79,7 @@ def test_a_press_is_read_over_the_tare_whatever_the_part_is_off_by(part):
 
 
 def test_before_the_tare_the_reading_is_that_of_a_nominal_part_and_not_valid():
-    sensor = mpx5100g(2)
+    sensor = nxp("MPX5100G", 2)
     reading = read(sensor, volts_at(sensor, np.zeros((300, 2)), offset_Pa=2e3), True)
     assert float(reading.gauge_Pa[0, 0]) == pytest.approx(2e3, abs=14.0)
     assert float(reading.sigma_Pa[0, 0]) > 2.4e3
@@ -96,7 +89,7 @@ def test_before_the_tare_the_reading_is_that_of_a_nominal_part_and_not_valid():
 
 
 def test_a_device_that_never_rests_is_never_tared():
-    sensor = mpx5100a(2)
+    sensor = nxp("MPX5100A", 2)
     reading = read(sensor, volts_at(sensor, np.zeros((300, 2))), False)
     assert not np.any(np.asarray(reading.valid))
     assert np.all(np.asarray(reading.sigma_Pa) > 2.4e3)
@@ -105,7 +98,7 @@ def test_a_device_that_never_rests_is_never_tared():
 def test_errors_are_what_sigma_says():
     k, n = 128, 1500
     rng = np.random.default_rng(4)
-    sensor = mpx5100a(k)
+    sensor = nxp("MPX5100A", k)
     gauge = press(n, 500, 1500, rng.uniform(-8e3, 8e3, k), k)
     drift = 2.0 * rng.standard_normal(k) * np.maximum(np.arange(n)[:, None] - 495, 0) * DT
     gain = 1.0 + 0.01 * rng.standard_normal(k)
@@ -118,7 +111,7 @@ def test_errors_are_what_sigma_says():
 
 
 def test_a_supply_that_sags_is_divided_out_where_it_is_measured():
-    sensor = mpx5100a(2)
+    sensor = nxp("MPX5100A", 2)
     supply = np.linspace(5.1, 4.8, 600)
     gauge = press(600, 300, 600, 4e3, 2)
     volts = volts_at(sensor, gauge, supply=supply)
@@ -129,7 +122,7 @@ def test_a_supply_that_sags_is_divided_out_where_it_is_measured():
 
 
 def test_a_supply_beyond_the_ratiometric_range_gives_no_reading():
-    sensor = mpx5100a(2)
+    sensor = nxp("MPX5100A", 2)
     supply = np.full(400, 5.0)
     supply[300:310], supply[320:330] = 0.0, 4.6
     reading = read(sensor, volts_at(sensor, np.zeros((400, 2)), supply=5.0), True, supply)
@@ -142,18 +135,18 @@ def test_a_supply_beyond_the_ratiometric_range_gives_no_reading():
 def test_a_stretched_cavity_is_out_of_range_for_a_gauge_part_and_read_by_an_absolute_one():
     gauge = press(900, 300, 600, -1.5e3, 2)
     resting = (np.arange(900) < 295) | (np.arange(900) > 605)
-    for part, seen in ((mpx5100g, True), (mpx5100a, False)):
-        sensor = part(2)
+    for part, seen in (("MPX5100G", True), ("MPX5100A", False)):
+        sensor = nxp(part, 2)
         volts = volts_at(sensor, gauge, offset_Pa=np.array([1e3, -0.5e3]), noise_V=2e-3)
         flag = np.asarray(read(sensor, volts, resting).out_of_range)
         assert np.all(flag[300:600] == seen)
         assert not np.any(flag[:300]) and not np.any(flag[600:])
-    absolute = read(mpx5100a(2), volts_at(mpx5100a(2), gauge), resting)
+    absolute = read(nxp("MPX5100A", 2), volts_at(nxp("MPX5100A", 2), gauge), resting)
     np.testing.assert_allclose(absolute.gauge_Pa[599], -1.5e3, atol=30.0)
 
 
 def test_a_gauge_part_whose_output_ends_at_its_offset_is_not_taken_for_zero():
-    sensor = mpx5100g(2)
+    sensor = nxp("MPX5100G", 2)
     gauge = press(900, 300, 600, -3e3, 2)
     ends_at = volts_at(sensor, np.maximum(gauge, -500.0), noise_V=2e-3)
     reading = read(sensor, ends_at, np.arange(900) < 295)
@@ -162,17 +155,17 @@ def test_a_gauge_part_whose_output_ends_at_its_offset_is_not_taken_for_zero():
 
 
 def test_noise_at_rest_is_hardly_ever_out_of_range():
-    sensor = mpx5100g(50)
+    sensor = nxp("MPX5100G", 50)
     reading = read(sensor, volts_at(sensor, np.zeros((3000, 50)), offset_Pa=-1e3, noise_V=2e-3), True)
     assert np.sum(np.asarray(reading.out_of_range)) <= 1
 
 
 @pytest.mark.parametrize("end_V", [0.0, 4095 * STEP_V])
 def test_readings_at_the_ends_of_the_converter_and_beyond_the_range_are_flagged(end_V):
-    sensor = mpx5100a(2)
+    sensor = nxp("MPX5100A", 2)
     volts = volts_at(sensor, np.zeros((400, 2)))
     volts[300:320, 0] = end_V
-    volts[300:320, 1] = float(volts_of(sensor, jnp.full(2, 116e3), FIVE)[0])
+    volts[300:320, 1] = float(raw_of(sensor, jnp.full(2, 116e3), FIVE)[0])
     reading = read(sensor, volts, np.arange(400) < 290)
     flag = np.asarray(reading.out_of_range)
     assert flag[300:320].all() and not flag[:300].any() and not flag[320:].any()
@@ -181,7 +174,7 @@ def test_readings_at_the_ends_of_the_converter_and_beyond_the_range_are_flagged(
 
 
 def test_a_channel_at_the_end_of_the_converter_is_no_zero():
-    sensor = mpx5100g(2)
+    sensor = nxp("MPX5100G", 2)
     volts = volts_at(sensor, np.zeros((900, 2)), offset_Pa=500.0)
     volts[200:850, 0] = 0.0
     reading = read(sensor, volts, True)
@@ -191,7 +184,7 @@ def test_a_channel_at_the_end_of_the_converter_is_no_zero():
 
 
 def test_missing_readings_are_flagged_held_and_no_zero():
-    sensor = mpx5100a(2)
+    sensor = nxp("MPX5100A", 2)
     volts = volts_at(sensor, np.zeros((500, 2)), offset_Pa=700.0)
     volts[200:260, 0] = np.nan
     volts[:, 1] = np.nan
@@ -206,7 +199,7 @@ def test_missing_readings_are_flagged_held_and_no_zero():
 
 
 def test_a_touch_that_is_recognised_late_is_not_tared():
-    sensor = mpx5100a(2)
+    sensor = nxp("MPX5100A", 2)
     gauge = press(900, 300, 600, 0.0, 2)
     gauge[300:600] = 2e3 * np.minimum(np.arange(300) / 50, 1.0)[:, None]
     volts = volts_at(sensor, gauge, noise_V=2e-3)
@@ -221,12 +214,12 @@ def test_gas_that_regains_its_temperature_after_a_release_is_not_tared():
     time = DT * np.arange(700)
     gauge = np.where(time > 4.0, -1400.0 * np.exp(-(time - 4.0) / 0.17), 0.0)[:, None] * np.ones(2)
     gauge[250:400] = 5e3
-    volts = volts_at(mpx5100a(2), gauge, noise_V=1e-3)
+    volts = volts_at(nxp("MPX5100A", 2), gauge, noise_V=1e-3)
     resting = (time < 2.45) | (time > 4.02)
 
     def shift(hold_off_s):
         # Without a gate only the hold-off keeps the transient out.
-        sensor = mpx5100a(2, hold_off_s=hold_off_s, tare=tare_settings(gate_sigma=1e3))
+        sensor = nxp("MPX5100A", 2, hold_off=hold_off_s, tare=TareSettings(gate_sigma=1e3))
         reading = read(sensor, volts, resting)
         return np.mean(reading.gauge_Pa[440:500, 0] - gauge[440:500, 0])
 
@@ -235,7 +228,7 @@ def test_gas_that_regains_its_temperature_after_a_release_is_not_tared():
 
 
 def test_the_pressure_can_be_differentiated_with_respect_to_the_gain():
-    sensor = mpx5100g(2)
+    sensor = nxp("MPX5100G", 2)
     volts = jnp.asarray(volts_at(sensor, press(300, 200, 300, 6e3, 2)))
     volts = volts.at[150].set(jnp.nan)
 

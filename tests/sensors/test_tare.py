@@ -3,10 +3,11 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from made_sensors import tare
 
-from softfuse.sensors import tare_init, tare_known, tare_settings, tare_update, tare_variance
+from softfuse.sensors.tare import tare_init, tare_known, tare_update, tare_variance
 
-TARE = tare_settings()
+TARE = tare()
 NOISE = 44.0
 DT = 0.01
 
@@ -28,7 +29,7 @@ def readings(n, channels, zero=0.0, seed=0):
 
 def test_the_first_readings_are_averaged_equally():
     pressure = readings(90, 3, zero=1500.0)
-    zero, sigma, known = run(pressure, np.ones((90, 3), bool), tare_settings(drift_Pa_s=0.0))
+    zero, sigma, known = run(pressure, np.ones((90, 3), bool), tare(drift=0.0))
     # The prior, 2.5 kPa about the nominal value, weighs as much as (44/2500)² of one reading.
     mean = np.sum(pressure, axis=0) / (90 + (NOISE / 2500.0) ** 2)
     np.testing.assert_allclose(zero[-1], mean, rtol=1e-12)

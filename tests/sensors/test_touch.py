@@ -3,8 +3,9 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from made_sensors import touch_detector
 
-from softfuse.sensors import touch_detector, touch_init, touch_update
+from softfuse.sensors.crossed.touch import touch_init, touch_update
 
 DETECTOR = touch_detector()
 

@@ -1,5 +1,6 @@
 """A pad that is switched on while something touches it, with and without a configured baseline."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import equinox as eqx
@@ -7,20 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import capacitive_array, d6f_p0001a1, peak_model, touch_detector
 
 from softfuse.hardware.recording import read_recording
-from softfuse.sensors import (
-    PadSensors,
-    array_init,
-    array_signal,
-    capacitive_array,
-    d6f_p0001a1,
-    pad_sensor_init,
-    pad_sensor_update,
-    peak_model,
-    touch_detector,
-)
+from softfuse.sensors.capacitive import array_init, array_signal
 from softfuse.sensors.crossed.touched_start import known_baseline
+from softfuse.sensors.pad import PadSensors, pad_sensor_init, pad_sensor_update
 
 LINES = (-28.0 + 8.0 * np.arange(8)) * 1e-3
 FLOW = [f"flow{i}_V" for i in range(4)]
@@ -31,8 +24,8 @@ COLUMNS = [f"col{i}" for i in range(8)]
 def sensors(untouched: np.ndarray | float) -> PadSensors:
     return PadSensors(
         flow=d6f_p0001a1(4),
-        array=capacitive_array(
-            gain=jnp.ones(16), untouched_counts=jnp.broadcast_to(jnp.asarray(untouched, float), (16,))
+        array=replace(
+            capacitive_array(), untouched_counts=jnp.broadcast_to(jnp.asarray(untouched, float), (16,))
         ),
         peak=peak_model(LINES, LINES, 1.5e-3, 1.0e-3),
         touch=touch_detector(),

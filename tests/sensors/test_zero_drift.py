@@ -2,8 +2,8 @@
 
 import jax.numpy as jnp
 import numpy as np
+from made_sensors import d6f_p0001a1
 
-from softfuse.sensors.flow.filter import d6f_p0001a1
 from softfuse.sensors.zero_drift import observe_zero, predict_zero, zero_prior, zero_variance
 
 DRIFT = d6f_p0001a1(1).drift

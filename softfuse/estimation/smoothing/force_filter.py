@@ -23,9 +23,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 
-from softfuse.estimation.tracked import Evidence
 from softfuse.estimation.smoothing.normal import Change, Normal, Reading, Step
 from softfuse.estimation.smoothing.process import Process
+from softfuse.estimation.tracked import Evidence
 from softfuse.sensors.reading_drift import DriftModel
 
 _UNIT_V = 1e-3

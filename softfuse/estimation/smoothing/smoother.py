@@ -14,13 +14,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.tracked import Evidence, Tracked, along_axes
-from softfuse.estimation.tracker import Tracker
 from softfuse.estimation.smoothing import place_filter
 from softfuse.estimation.smoothing.force_filter import ForceFilter, ForceStep
 from softfuse.estimation.smoothing.normal import Normal, smoothed
 from softfuse.estimation.smoothing.place_filter import PlaceStep
 from softfuse.estimation.smoothing.process import DEFAULT_PROCESS, Process
+from softfuse.estimation.tracked import Evidence, Tracked, along_axes
+from softfuse.estimation.tracker import Tracker
 from softfuse.functional.chart import moved
 from softfuse.sensors.reading_drift import ReadingDrift
 
@@ -260,8 +260,7 @@ class Smoother:
         touching, none = now.touching, np.zeros(self._forces.readings)
         force = np.where(touching, np.nan, 0.0)
         location, sigma = (
-            np.where(touching[:, None], each, np.nan)
-            for each in (now.location_m, now.axis_sigma_m)
+            np.where(touching[:, None], each, np.nan) for each in (now.location_m, now.axis_sigma_m)
         )
         outlier, outlying = np.zeros(len(none), bool), np.zeros(len(touching), bool)
         return Smoothed(now.time_s, force, np.diag(force), location, sigma, none, none, outlier, outlying)

@@ -12,10 +12,11 @@ from bisect import bisect_left
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
+from softfuse.estimation.stream import Estimate
+from softfuse.estimation.tracked import Frame
 from softfuse.hardware.live.assembler import Assembled
-from softfuse.hardware.live.follower import Fields, Follower
 from softfuse.hardware.live.pipeline import Pipeline
-from softfuse.hardware.live.session import Published
+from softfuse.hardware.live.session import Estimating, Fields, Published
 from softfuse.hardware.record.entries import EstimateEntry
 from softfuse.hardware.record.session_reader import Session as RecordedSession
 
@@ -40,12 +41,12 @@ class Replay:
         self,
         recorded: RecordedSession,
         pipeline: Pipeline,
-        follower: Follower,
+        estimating: Estimating,
     ):
         """`pipeline`: like that of the recording, with new drivers, or with none where the session has no
-        bytes but all its channels; `follower`: one that has seen nothing.
+        bytes but all its channels; `estimating`: one that has seen nothing.
         """
-        self._recorded, self._pipeline, self._follower = recorded, pipeline, follower
+        self._recorded, self._pipeline, self._estimating = recorded, pipeline, estimating
         self._wanted = {entry.frame: entry for entry in recorded.estimates()}
         self._seen = _Seen(self._wanted.values())
         self._identical = 0
@@ -58,18 +59,23 @@ class Replay:
 
     def run(self, speed: float = math.inf) -> Iterator[Published]:
         """The estimates, in order; `speed` [-]: of the recorded time, infinity for as fast as possible."""
-        start_s, pace = None, _Pace(speed)
+        for estimate in self._estimating.follow(self._paced(_Pace(speed))):
+            yield self._published(estimate)
+
+    def _paced(self, pace: "_Pace") -> Iterator[tuple[Frame, bool]]:
+        """The frames that went into estimates, and whether one was made of it."""
+        start_s = None
         for number, frame in enumerate(self._frames()):
             start_s = frame.time_s if start_s is None else start_s
             pace.wait(frame.arrived_s)
-            if number not in self._seen:
-                continue
-            self._follower.sense(frame, start_s)
-            if number in self._wanted or not self._wanted:
-                yield self._estimate(number, frame)
+            if number in self._seen:
+                self._last = number, frame
+                wanted = number in self._wanted or not self._wanted
+                yield Frame(frame.time_s - start_s, frame.values), wanted
 
-    def _estimate(self, number: int, frame: Assembled) -> Published:
-        tracked, joined, fields = self._follower.estimate()
+    def _published(self, estimate: Estimate) -> Published:
+        number, frame = self._last
+        tracked, fields = estimate.tracked, self._estimating.fields(estimate)
         recorded = self._wanted.get(number)
         if recorded is not None:
             statuses = tuple(str(status) for status in tracked.statuses)
@@ -80,7 +86,7 @@ class Replay:
             elif self._first is None:
                 self._first = number
         channels = dict(zip(self._pipeline.wanted, frame.values.tolist(), strict=True))
-        return Published(number, frame.time_s, channels, tracked, joined, fields, tracked.latency_s)
+        return Published(number, frame.time_s, channels, estimate, fields, tracked.latency_s)
 
     def _frames(self) -> Iterator[Assembled]:
         """Frames out of the recorded bytes, or as they are where a session has none, as converted ones do."""

@@ -10,14 +10,14 @@ dropped, oldest first and counted. Publishers are called from the estimating thr
 
 import queue
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Protocol
 
-from softfuse.estimation.tracked import Tracked
-from softfuse.fusion.fusion import Fused
+from softfuse.estimation.stream import Estimate
+from softfuse.estimation.tracked import Frame
 from softfuse.hardware.live.assembler import Assembled
-from softfuse.hardware.live.follower import Fields, Follower
 from softfuse.hardware.live.frame_queue import FrameQueue
 from softfuse.hardware.live.latency import Latencies
 from softfuse.hardware.live.pipeline import DeviceReport, Pipeline
@@ -28,21 +28,34 @@ from softfuse.hardware.stream import Chunk, HostClock, Notice
 INBOX_LENGTH = 256
 """Chunks that may wait to be assembled."""
 
+Fields = Mapping[str, float | str | None]
+"""What people read of an estimate, by the columns' names."""
+
+
+class Estimating(Protocol):
+    """What estimates a stream of frames of all channels, and reads estimates."""
+
+    def follow(self, frames: Iterable[tuple[Frame, bool]]) -> Iterator[Estimate]:
+        """See `estimation.stream.follow`."""
+        ...
+
+    def fields(self, now: Estimate) -> Fields:
+        """What people read of an estimate."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Published:
     """An estimate for publishers.
 
     `number`: of the frame; `host_s`: its time in seconds since the epoch; `channels`: what was read, in the
-    units of the names; `joined`: what it says together with those before, if anything; `fields`: what
-    people read of the estimate; `end_to_end_s`: from the last byte.
+    units of the names; `fields`: what people read of the estimate; `end_to_end_s`: from the last byte.
     """
 
     number: int
     host_s: float
     channels: Mapping[str, float]
-    tracked: Tracked
-    joined: Fused | None
+    estimate: Estimate
     fields: Fields
     end_to_end_s: float
 
@@ -76,7 +89,7 @@ class Session:
     def __init__(
         self,
         pipeline: Pipeline,
-        follower: Follower,
+        estimating: Estimating,
         clock: HostClock,
         *,
         queue_length: int = 1000,
@@ -88,12 +101,13 @@ class Session:
         `send`: sends bytes to a source, soon;
         `publish`, `notify`: called with estimates and with what people should know.
         """
-        self._pipeline, self._follower, self._clock = pipeline, follower, clock
+        self._pipeline, self._estimating, self._clock = pipeline, estimating, clock
         self._publish, self._notify, self._send = tuple(publish), tuple(notify), send
         self._inbox: queue.Queue[Chunk | None] = queue.Queue(INBOX_LENGTH)
         self._frames = FrameQueue(queue_length)
         self._latencies = Latencies()
         self._start_s: float | None = None
+        self._batch: list[tuple[int, Assembled]] = []
         self._assembled = self._sensed = self._estimated = 0
         self._recorder: Recorder | None = None
         self._failure: BaseException | None = None
@@ -196,18 +210,23 @@ class Session:
         self._frames.close()
 
     def _estimate(self) -> None:
-        while batch := self._frames.take():
-            self._estimate_batch(batch)
+        for estimate in self._estimating.follow(self._wanted()):
+            self._estimated_batch(estimate)
 
-    def _estimate_batch(self, batch: list[tuple[int, Assembled]]) -> None:
-        assert self._start_s is not None  # set with the first frame
-        for _, frame in batch:
-            self._follower.sense(frame, self._start_s)
-        number, frame = batch[-1]
-        tracked, joined, fields = self._follower.estimate()
+    def _wanted(self) -> Iterator[tuple[Frame, bool]]:
+        """All frames that have come, of which the newest is wanted each time."""
+        while batch := self._frames.take():
+            assert self._start_s is not None  # set with the first frame
+            self._batch = batch
+            for k, (_, frame) in enumerate(batch, start=1):
+                yield Frame(frame.time_s - self._start_s, frame.values), k == len(batch)
+
+    def _estimated_batch(self, estimate: Estimate) -> None:
+        number, frame = self._batch[-1]
+        tracked, fields = estimate.tracked, self._estimating.fields(estimate)
         now = self._clock.now_s()
         elapsed = now - frame.arrived_s
-        self._sensed += len(batch)
+        self._sensed += len(self._batch)
         self._estimated += 1
         self._latencies.add(elapsed)
         self._record(
@@ -219,11 +238,11 @@ class Session:
                 tuple(str(status) for status in tracked.statuses),
                 1e3 * tracked.latency_s,
                 1e3 * elapsed,
-                len(batch),
+                len(self._batch),
             )
         )
         channels = dict(zip(self._pipeline.wanted, frame.values.tolist(), strict=True))
-        published = Published(number, frame.time_s, channels, tracked, joined, fields, elapsed)
+        published = Published(number, frame.time_s, channels, estimate, fields, elapsed)
         for publish in self._publish:
             publish(published)
 

@@ -21,7 +21,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float
 
 from softfuse.sensors.crossed.diamond_array import (
@@ -114,46 +113,6 @@ class PeakFit(eqx.Module):
     def radius_m(self) -> Float[Array, ""]:
         """Radius [m]."""
         return self.unknowns[..., 6]
-
-
-def peak_model(
-    row_y_m: Float[ArrayLike, " r"],
-    column_x_m: Float[ArrayLike, " c"],
-    row_depth_m: float,
-    column_depth_m: float,
-    *,
-    radius_m: float = 10e-3,
-    radius_sigma_m: float = 0.5e-3,
-    gap_sigma_m: float = 0.5e-3,
-    offset_sigma_counts: float = 100.0,
-    noise_counts: float = 8.0,
-    model_error: float = 0.005,
-    outlier: float = 3.0,
-    iterations: int = 8,
-) -> PeakModel:
-    """Peak model of a crossed array in which the deeper layer collects the flux around the array's rim.
-
-    Args: row_y_m (r,), column_x_m (c,) centre lines [m], ascending; row_depth_m, column_depth_m [m]; the
-    options are the fields of PeakModel. The rim strip of the deeper layer is as wide as the distance between
-    the layers (the height by which the array's side face exposes it), that of the other layer zero.
-    """
-    gap = row_depth_m - column_depth_m
-    return PeakModel(
-        row_y_m=jnp.asarray(row_y_m, float),
-        column_x_m=jnp.asarray(column_x_m, float),
-        row_depth_m=jnp.asarray(row_depth_m, float),
-        column_depth_m=jnp.asarray(column_depth_m, float),
-        row_rim_m=jnp.asarray(max(gap, 0.0), float),
-        column_rim_m=jnp.asarray(max(-gap, 0.0), float),
-        radius_m=jnp.asarray(radius_m, float),
-        radius_sigma_m=jnp.asarray(radius_sigma_m, float),
-        gap_sigma_m=jnp.asarray(gap_sigma_m, float),
-        offset_sigma_counts=jnp.asarray(offset_sigma_counts, float),
-        noise_counts=jnp.asarray(noise_counts, float),
-        model_error=jnp.asarray(model_error, float),
-        outlier=jnp.asarray(outlier, float),
-        iterations=iterations,
-    )
 
 
 class PeakShape(eqx.Module):

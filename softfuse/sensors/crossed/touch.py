@@ -52,37 +52,6 @@ class TouchState(eqx.Module):
     largest_counts: Float[Array, ""]
 
 
-def touch_detector(
-    *,
-    noise_counts: float = 8.0,
-    near_on_sigma: float = 8.0,
-    near_off_sigma: float = 6.0,
-    contact_on_counts: float = 3000.0,
-    flow_sigma: float = 8.0,
-    release_fraction: float = 0.6,
-    return_fraction: float = 0.7,
-    on_frames: int = 3,
-    off_frames: int = 3,
-) -> TouchDetector:
-    """Thresholds; the options are the fields of TouchDetector.
-
-    The largest of 8 + 8 noises adds up to 2.8 standard deviations on average and exceeds 8 once in 10^6
-    frames. contact_on_counts is about 40 % of what the paper's 20 mm indenter gives on electrodes at 1.0 and
-    1.5 mm depth.
-    """
-    return TouchDetector(
-        noise_counts=jnp.asarray(noise_counts, float),
-        near_on_sigma=jnp.asarray(near_on_sigma, float),
-        near_off_sigma=jnp.asarray(near_off_sigma, float),
-        contact_on_counts=jnp.asarray(contact_on_counts, float),
-        flow_sigma=jnp.asarray(flow_sigma, float),
-        release_fraction=jnp.asarray(release_fraction, float),
-        return_fraction=jnp.asarray(return_fraction, float),
-        on_frames=jnp.asarray(on_frames, int),
-        off_frames=jnp.asarray(off_frames, int),
-    )
-
-
 def touch_init() -> TouchState:
     """State before the first frame: nothing near."""
     no = jnp.asarray(False)

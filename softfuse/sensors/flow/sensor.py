@@ -7,7 +7,7 @@ latter they follow from the sheet's 0.05 L/min of noise.
 """
 
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import equinox as eqx
 import jax
@@ -141,11 +141,9 @@ class FlowSettings(SensorSettings):
     at which it has risen by 63 %.
     """
 
-    parts: ClassVar = _PARTS
-
     type: Literal["flow"] = "flow"
     chambers: Names
-    part: Literal["D6F-P0001A1", "SFM3000"] | None = None
+    part: str | None = None
     output: Literal["volts", "counts"] = "volts"
     zero: Raw
     sensitivity: Annotated[float, in_output(FLOW_SENSITIVITY, _COUNTS_PER_FLOW), Gt(0)]
@@ -170,7 +168,7 @@ class FlowSettings(SensorSettings):
     @model_validator(mode="before")
     @classmethod
     def _of_part(cls, data: Any) -> Any:
-        return of_part(data, cls.parts)
+        return of_part(data, _PARTS)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -90,30 +90,6 @@ class MutualFit(eqx.Module):
     """Root mean square residual of the valid cells [counts]."""
 
 
-def splitting(
-    *,
-    worth_sigma: float = 5.0,
-    apart_pitches: float = 0.7,
-    weakest: float = 0.45,
-    faintest: float = 0.08,
-    lift_sigma: float = 3.0,
-    slide_sigma: float = 4.0,
-    wander_m: float = 0.6e-3,
-    iterations: int = 12,
-) -> Splitting:
-    """When a further source is believed; the options are the fields of Splitting."""
-    return Splitting(
-        worth_sigma=jnp.asarray(worth_sigma, float),
-        apart_pitches=jnp.asarray(apart_pitches, float),
-        weakest=jnp.asarray(weakest, float),
-        faintest=jnp.asarray(faintest, float),
-        lift_sigma=jnp.asarray(lift_sigma, float),
-        slide_sigma=jnp.asarray(slide_sigma, float),
-        wander_m=jnp.asarray(wander_m, float),
-        iterations=iterations,
-    )
-
-
 def nothing_known(model: MutualModel, slots: int) -> Known:
     """All slots free."""
     middle = jnp.stack([jnp.mean(model.column_x_m), jnp.mean(model.row_y_m)])

@@ -93,45 +93,6 @@ class Sources(eqx.Module):
     """(n,) coupling k >= 0, in the same unit."""
 
 
-def mutual_model(
-    column_x_m: Float[ArrayLike, " c"] | Sequence[float],
-    row_y_m: Float[ArrayLike, " r"] | Sequence[float],
-    *,
-    contact_counts: float = 1900.0,
-    electrode_width_m: float | None = None,
-    depth_m: float = 1.5e-3,
-    finger_radius_m: float = 8e-3,
-    gain: Float[ArrayLike, "c r"] | None = None,
-    crosstalk: float = 0.0,
-    shield_sigma: float = 0.15,
-    noise_counts: float = 8.0,
-    model_error: float = 0.015,
-    common_error: float = 0.015,
-) -> MutualModel:
-    """Model of a grid with columns at column_x_m (c,) and rows at row_y_m (r,) [m], ascending.
-
-    The options are the fields of MutualModel; electrode_width_m None: lines as wide as their pitch;
-    gain None: all cells alike. What cannot be read off a drawing, contact_counts and gain,
-    `calibration.mutual_grid` reads off touches at known places.
-    """
-    x, y = np.asarray(column_x_m, float), np.asarray(row_y_m, float)
-    width = mean_pitch(x, y) if electrode_width_m is None else electrode_width_m
-    return MutualModel(
-        column_x_m=jnp.asarray(x),
-        row_y_m=jnp.asarray(y),
-        half_width_m=jnp.asarray(0.5 * width, float),
-        depth_m=jnp.asarray(depth_m, float),
-        finger_radius_m=jnp.asarray(finger_radius_m, float),
-        contact_counts=jnp.asarray(contact_counts, float),
-        gain=jnp.ones((len(x), len(y))) if gain is None else jnp.asarray(gain, float),
-        crosstalk=jnp.asarray(crosstalk, float),
-        shield_sigma=jnp.asarray(shield_sigma, float),
-        noise_counts=jnp.asarray(noise_counts, float),
-        model_error=jnp.asarray(model_error, float),
-        common_error=jnp.asarray(common_error, float),
-    )
-
-
 def mean_pitch(
     column_x_m: Float[ArrayLike, " c"] | Sequence[float], row_y_m: Float[ArrayLike, " r"] | Sequence[float]
 ) -> float:

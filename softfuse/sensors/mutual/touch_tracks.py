@@ -113,38 +113,6 @@ class TouchTracks(eqx.Module):
         return self.there & ~self.touching
 
 
-def touch_follower(
-    *,
-    contact_on: float = 0.55,
-    coupling_on: float = 0.25,
-    coupling_off: float = 0.12,
-    faint: float = 0.03,
-    firm_on: float = 0.6,
-    firm_off: float = 0.4,
-    gate_m: float = 12e-3,
-    memory_s: float = 0.3,
-    speed_s: float = 0.05,
-    longest_touch_s: float = 120.0,
-    on_frames: int = 3,
-    off_frames: int = 3,
-) -> TouchFollower:
-    """Thresholds; the options are the fields of TouchFollower."""
-    return TouchFollower(
-        contact_on=jnp.asarray(contact_on, float),
-        coupling_on=jnp.asarray(coupling_on, float),
-        coupling_off=jnp.asarray(coupling_off, float),
-        faint=jnp.asarray(faint, float),
-        firm_on=jnp.asarray(firm_on, float),
-        firm_off=jnp.asarray(firm_off, float),
-        gate_m=jnp.asarray(gate_m, float),
-        memory_s=jnp.asarray(memory_s, float),
-        speed_s=jnp.asarray(speed_s, float),
-        longest_touch_s=jnp.asarray(longest_touch_s, float),
-        on_frames=jnp.asarray(on_frames, int),
-        off_frames=jnp.asarray(off_frames, int),
-    )
-
-
 def tracks_init(tracks: int) -> TouchTracks:
     """Nothing has been seen.
 

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from softfuse.sensors.pressure.leak import LeakState, LeakTest, leak_init, leak_rate, leak_update
-from softfuse.sensors.pressure.tare import (
+from softfuse.sensors.tare import (
     Tare,
     TareState,
     tare_init,

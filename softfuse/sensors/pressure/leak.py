@@ -86,36 +86,6 @@ class LeakState(eqx.Module):
     """(k,) the decision."""
 
 
-def leak_test(
-    *,
-    slowest_s: float = 120.0,
-    sigma: float = 5.0,
-    window_s: float = 0.5,
-    repeat_Pa: float = 20.0,
-    drift_Pa_s: float = 5.0,
-    unknown_Pa: float = 5e3,
-    memory_s: float = 60.0,
-    prior_1_s: float = 1.0,
-) -> LeakTest:
-    """Parameters of the test; the options are the fields of LeakTest.
-
-    slowest_s is 1/θ0, the time constant of the slowest leak that matters. 5 Pa/s is sealed gas that a hand
-    warms by 0.9 K a minute. With readings of 44 Pa noise at 100 Hz, one press shows a leak of τ = 30 s if it
-    holds 2.1 kPa for 3 s (s = 32 Pa), or 1 kPa for ever: drift d and leak cannot be told apart when
-    d > (θ - θ0) p / sigma.
-    """
-    return LeakTest(
-        tolerated_1_s=jnp.asarray(1.0 / slowest_s, float),
-        sigma=jnp.asarray(sigma, float),
-        window_s=jnp.asarray(window_s, float),
-        repeat_Pa=jnp.asarray(repeat_Pa, float),
-        drift_Pa_s=jnp.asarray(drift_Pa_s, float),
-        unknown_Pa=jnp.asarray(unknown_Pa, float),
-        memory_s=jnp.asarray(memory_s, float),
-        prior_1_s=jnp.asarray(prior_1_s, float),
-    )
-
-
 def leak_init(channels: int) -> LeakState:
     """State before the first frame: no rest was seen, nothing leaks."""
     nothing, no = jnp.zeros(channels), jnp.zeros(channels, bool)

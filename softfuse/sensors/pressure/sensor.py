@@ -45,7 +45,7 @@ from softfuse.sensors.pressure.filter import (
     pressure_update,
 )
 from softfuse.sensors.pressure.leak import LeakTest
-from softfuse.sensors.pressure.tare import Tare
+from softfuse.sensors.tare import Tare
 from softfuse.sensors.transfer import PositiveRaw, Raw, of_part
 
 _SLOPE = Dimension("an output per pressure", "Pa^-1", "0.009 kPa^-1")
@@ -269,7 +269,7 @@ class PressureSettings(SensorSettings):
 
     type: Literal["pressure"] = "pressure"
     chambers: Names
-    part: Annotated[str | None, AfterValidator(lambda value: _known(value))] = None
+    part: str | None = None
     output: Literal["volts", "counts"] = "volts"
     range: Annotated[tuple[Pressure, Pressure], AfterValidator(_ascending)]
     slope: Annotated[float, BeforeValidator(_SLOPE.parse)] | None = None
@@ -422,11 +422,3 @@ class PressureSettings(SensorSettings):
             low=0.0,
             high=self.full_scale - step,
         )
-
-
-def _known(part: str | None) -> str | None:
-    if part is not None and part not in PRESSURE_PARTS:
-        raise wrong_value(
-            f'there is no "{part}" among {", ".join(PRESSURE_PARTS)}: give its slope and offset'
-        )
-    return part

@@ -10,13 +10,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import d6f_p0001a1
 
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.tracked import Evidence, Tracked
-from softfuse.estimation.smoothing.force_filter import ForceFilter
-from softfuse.estimation.smoothing.smoother import Fused, Fusion, fused_recording
-from softfuse.estimation.smoothing.process import DEFAULT_PROCESS, Process
-from softfuse.sensors.flow.filter import d6f_p0001a1, flow_drift
+from softfuse.fusion.force_filter import ForceFilter
+from softfuse.fusion.fusion import Fused, Fusion, fused_recording
+from softfuse.fusion.process import DEFAULT_PROCESS, Process
+from softfuse.sensors.flow.filter import flow_drift
 from softfuse.sensors.reading_drift import ReadingDrift
 from softfuse.sensors.status import Status
 

@@ -1,8 +1,8 @@
-"""The zero of a pressure sensor: averaged at rest, followed slowly, frozen otherwise.
+"""The zero of a sensor: averaged at rest, followed slowly, frozen otherwise. Pa stands for the unit of the reading.
 
     reading = zero + p + white noise,   p = 0 at rest.
 
-The zero holds the part's offset (2.5 % of full scale), the weather (absolute parts) and the temperature of
+That of a pressure holds the part's offset (2.5 % of full scale), the weather (absolute parts) and the temperature of
 the gas that is sealed in: 101 kPa / 295 K = 343 Pa per kelvin. It is a filter of one state: each reading at
 rest enters with the weight K = max(P/(P + r²), 1 - exp(-dt/T)), where P is the variance of the zero and r the
 noise. The first term averages the first readings equally and trusts new ones after a long touch, the second
@@ -48,29 +48,6 @@ class TareState(eqx.Module):
     """(k,) time at rest since the learning began [s]."""
     rejected_s: Float[Array, " k"]
     """(k,) time at rest outside the gate [s]."""
-
-
-def tare_settings(
-    *,
-    offset_sigma_Pa: float = 2.5e3,
-    drift_Pa_s: float = 2.0,
-    settle_s: float = 1.0,
-    follow_s: float = 5.0,
-    gate_sigma: float = 5.0,
-    relearn_s: float = 5.0,
-) -> Tare:
-    """How zeros are taken; the options are the fields of Tare.
-
-    2.5 kPa is the MPX5100's largest error; 2 Pa/s is sealed gas that warms up by 0.35 K a minute.
-    """
-    return Tare(
-        offset_sigma_Pa=jnp.asarray(offset_sigma_Pa, float),
-        drift_Pa_s=jnp.asarray(drift_Pa_s, float),
-        settle_s=jnp.asarray(settle_s, float),
-        follow_s=jnp.asarray(follow_s, float),
-        gate_sigma=jnp.asarray(gate_sigma, float),
-        relearn_s=jnp.asarray(relearn_s, float),
-    )
 
 
 def tare_init(tare: Tare, nominal_Pa: Float[Array, " k"]) -> TareState:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain, combinations, islice, product
 
 import numpy as np
@@ -10,8 +10,13 @@ from jaxtyping import Float
 
 from softfuse.body.body import Body
 from softfuse.errors import ConfigError
-from softfuse.experiment.sweep import Series
-from softfuse.experiment.sweep_plan import (
+from softfuse.functional.chart import facing
+from softfuse.mechanics.cable import PulledCable, ShortenedCable
+from softfuse.mechanics.model import Model
+from softfuse.mechanics.reading import AbstractReading, AnswerReading, ShapeReading
+from softfuse.robot.contacts import DiscSettings, PatchSettings
+from softfuse.robot.laws import materials_of
+from softfuse.robot.press_plan import (
     DiscPlaces,
     ElectrodePlaces,
     GridPlaces,
@@ -19,14 +24,25 @@ from softfuse.experiment.sweep_plan import (
     RandomPlaces,
     SweepPlan,
 )
-from softfuse.functional.chart import facing
-from softfuse.mechanics.cable import PulledCable, ShortenedCable
-from softfuse.mechanics.model import Model
-from softfuse.mechanics.reading import AbstractReading, AnswerReading, ShapeReading
-from softfuse.robot.contacts import DiscSettings, PatchSettings
-from softfuse.robot.laws import materials_of
 from softfuse.robot.robot import Robot
 from softfuse.robot.settings import RobotSettings
+
+
+@dataclass(frozen=True)
+class Series:
+    """What is the same in some cases, and the forces in which they differ.
+
+    number: of the first case; modulus_factor: of all moduli; cables: the shortening [m] or tension [N] of
+    each; places: of each contact, x and y [m] of a disc's middle or the name of an electrode; forces:
+    ascending, of each contact [N].
+    """
+
+    number: int
+    modulus_factor: float
+    cables: tuple[float, ...]
+    places: tuple[tuple[float, float] | str, ...]
+    forces: tuple[float, ...]
+
 
 MOST_CASES = 1_000_000
 _TRIES = 10_000

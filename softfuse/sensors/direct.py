@@ -1,0 +1,168 @@
+"""Sensors whose raw readings are functions of what they measure, frame by frame: the filter that they share.
+
+    value = mean over `average` of f(raw) − zero
+
+f is the kind's own `convert`. The zero is taken and followed at rest (`tare`) where it is `tared`, else it is what a
+perfect part says of the body at rest, which is then off by `offset_sigma` for good. The exponential mean leaves
+σ √(dt / 2τ) of the noise and lags τ behind. What is missing is not valid, and leaves the mean where it was.
+"""
+
+from abc import abstractmethod
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from softfuse.io.quantity import Duration, PositiveNumber, PositiveTime
+from softfuse.sensors.base import AbstractSensor, Measurement, SensorSettings
+from softfuse.sensors.tare import Tare, TareState, tare_init, tare_known, tare_update, tare_variance
+
+_GAIN_SIGMA = 0.5
+"""Of virtual parts, in parts of what their settings allow."""
+
+
+class AbstractConvert(eqx.Module):
+    """From raw readings to what they mean in SI, and back."""
+
+    @abstractmethod
+    def __call__(self, raw: Float[Array, " n"]) -> Float[Array, " k"]:
+        """Values (k,) of raw readings (n,); NaN where something is missing."""
+
+
+class Scale(AbstractConvert):
+    """Values are raw readings times a factor (k,), or one for all."""
+
+    factor: Float[Array, "*k"]
+
+    def __call__(self, raw):
+        """The product."""
+        return self.factor * raw
+
+
+class DirectState(eqx.Module):
+    """Memory between frames: zeros, and means (k,), known or not."""
+
+    tare: TareState
+    mean: Float[Array, " k"]
+    known: Bool[Array, " k"]
+
+
+class Direct(AbstractSensor):
+    """k readings of n channels.
+
+    `rest` (k,): values of a perfect part at rest; `noise`, `offset_sigma` (k,): standard deviations of a value, and of
+    its zero where it is not tared; `gain_sigma` [-]: of the gain; `driven_above` (k,): changes that only a driven
+    actuator makes, ∞ where none does.
+    """
+
+    name: str = eqx.field(static=True)
+    channels: tuple[str, ...] = eqx.field(static=True)
+    readings: tuple[str, ...] = eqx.field(static=True)
+    tared: bool = eqx.field(static=True)
+    convert: AbstractConvert
+    rest: Float[Array, " k"]
+    noise: Float[Array, " k"]
+    offset_sigma: Float[Array, " k"]
+    gain_sigma: Float[Array, ""]
+    average_s: Float[Array, ""]
+    tare: Tare
+    driven_above: Float[Array, " k"]
+
+    def init(self):
+        """At rest."""
+        return DirectState(
+            tare_init(self.tare, self.rest), jnp.zeros_like(self.rest), jnp.zeros(self.rest.shape, bool)
+        )
+
+    def driven(self, state, raw):
+        """Whether a value has changed by more than the body can make it."""
+        change = self.convert(raw) - state.tare.zero_Pa
+        return jnp.any(jnp.where(jnp.isfinite(change), jnp.abs(change) > self.driven_above, False))
+
+    def update(self, state, frame, raw, context):
+        """Raw readings (n,); `details`: the values (k,) of this frame."""
+        value = self.convert(raw)
+        read = jnp.isfinite(value)
+        tare = state.tare
+        if self.tared:
+            at_rest = read & context.resting
+            finite = jnp.where(read, value, tare.zero_Pa)
+            tare = tare_update(self.tare, tare, frame.dt_s, finite, self.noise, at_rest)
+        change = value - tare.zero_Pa
+        share = jnp.where(
+            self.average_s > 0, 1 - jnp.exp(-frame.dt_s / jnp.maximum(self.average_s, 1e-9)), 1.0
+        )
+        fresh = jnp.where(state.known, state.mean + share * (change - state.mean), change)
+        mean = jnp.where(read, fresh, state.mean)
+        variance = tare_variance(self.tare, tare) if self.tared else self.offset_sigma**2
+        left = self.noise**2 * share / (2 - share)
+        sigma = jnp.sqrt(left + variance + (self.gain_sigma * mean) ** 2)
+        valid = read & (tare_known(self.tare, tare) | jnp.asarray(not self.tared))
+        flags = {f"{self.name} missing": jnp.any(~read)}
+        return DirectState(tare, mean, state.known | read), Measurement(
+            mean, sigma, valid, flags, details=value
+        )
+
+
+class DirectSettings(SensorSettings):
+    """What such sensors have in common; kinds give the size of their zero's and noise's errors.
+
+    tared: whether the zero is taken at rest, within settle, and followed with the time constant follow, in s; else
+    what a perfect part says of the model at rest is the zero. gate_sigma: what is further from the zero, in standard
+    deviations, is none; after relearn, in s, of it the zero is learnt anew. gain_sigma: relative error of a part;
+    average in s.
+    """
+
+    tared: bool = True
+    settle: PositiveTime = 1.0
+    follow: PositiveTime = 5.0
+    gate_sigma: PositiveNumber = 5.0
+    relearn: PositiveTime = 5.0
+    gain_sigma: PositiveNumber = 0.01
+    average: Duration = 0.1
+
+    def _direct(
+        self,
+        readings: tuple[str, ...],
+        convert: AbstractConvert,
+        rest: Any,
+        *,
+        noise: Any,
+        offset_sigma: Any,
+        drift: Any,
+        driven_above: Any = np.inf,
+    ) -> Direct:
+        """The filter of values that are `rest` (k,) at rest; drift: of zeros per second."""
+        k = (len(readings),)
+
+        def each(value) -> Array:
+            return jnp.broadcast_to(jnp.asarray(value, float), k)
+
+        tare = Tare(
+            offset_sigma_Pa=each(offset_sigma),
+            drift_Pa_s=each(drift),
+            settle_s=jnp.asarray(self.settle, float),
+            follow_s=jnp.asarray(self.follow, float),
+            gate_sigma=jnp.asarray(self.gate_sigma, float),
+            relearn_s=jnp.asarray(self.relearn, float),
+        )
+        return Direct(
+            self.name,
+            self.columns,
+            tuple(f"{self.name} {which}" if which else self.name for which in readings),
+            self.tared,
+            convert,
+            each(rest),
+            each(noise),
+            each(offset_sigma),
+            jnp.asarray(self.gain_sigma, float),
+            jnp.asarray(self.average, float),
+            tare,
+            each(driven_above),
+        )
+
+    def _gains(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, " k"]:
+        """Gains of so many virtual parts."""
+        return 1.0 + rng.normal(0.0, _GAIN_SIGMA * self.gain_sigma, count)

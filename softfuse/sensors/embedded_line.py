@@ -1,0 +1,146 @@
+"""Lengths of a line in the material between stations: liquid-metal channels, stretch resistors, strain fibres.
+
+A channel of liquid metal keeps its volume, so its resistance is R = R₀ (L/L₀)² (Park, Majidi, Kramer, Bérard and Wood,
+J. Micromech. Microeng. 20 (2010) 125029); a fibre or encoder tells the length itself.
+"""
+
+from typing import Annotated, Literal, Self
+
+import jax.numpy as jnp
+import numpy as np
+from annotated_types import Ge
+from jaxtyping import Array, Float
+from pydantic import BeforeValidator, model_validator
+
+from softfuse.functional.embedded_line import EmbeddedLine
+from softfuse.io.quantity import Integer, LengthUnit, PositiveNumber, PositiveResistance
+from softfuse.io.settings import NotEmpty, Vector, listed
+from softfuse.mechanics.reading import ShapeReading
+from softfuse.sensors.direct import AbstractConvert, DirectSettings, Scale
+from softfuse.sensors.electronics import equal_channels
+from softfuse.sensors.parts import Parts
+
+_DRIFT_TIME_S = 600.0
+"""How long virtual lengths drift one way."""
+
+
+class LengthOfResistance(AbstractConvert):
+    """L = L₀ √(R/R₀) of segments (k,), `rest` L₀ [m], `at_rest` R₀ [Ω]."""
+
+    rest: Float[Array, " k"]
+    at_rest: Float[Array, " k"]
+
+    def __call__(self, raw):
+        """Of resistances (k,) Ω; a negative one is none."""
+        known = jnp.isfinite(raw) & (raw > 0)
+        return jnp.where(known, self.rest * jnp.sqrt(jnp.where(known, raw, 1.0) / self.at_rest), jnp.nan)
+
+
+class _LineSettings(DirectSettings):
+    """Along `path` (p, 3) m in the material, straight between its points; one channel for each segment.
+
+    stations: numbers of the points between which it is read, in ascending order; without any, from end to end.
+    noise: of a reading, offset_sigma: of the length at rest, drift: of that per second, all relative to the length.
+    """
+
+    path: Annotated[tuple[Vector, ...], NotEmpty]
+    stations: tuple[Annotated[Integer, Ge(0)], ...] | None = None
+    noise: PositiveNumber = 5e-4
+    offset_sigma: PositiveNumber = 0.02
+    drift: PositiveNumber = 1e-5
+
+    def _line(self, parts: Parts) -> EmbeddedLine:
+        line = EmbeddedLine.of(parts.body, np.array(self.path), stations=self.stations)
+        if line.count != len(self.channels):
+            raise self._wrong(f"{len(self.channels)} channels for {line.count} segments of the line")
+        return line
+
+    def _lengths(self, parts: Parts) -> Float[np.ndarray, " k"]:
+        """Of the segments at rest [m]."""
+        rest = parts.body.rest
+        return np.asarray(self._line(parts)(rest, jnp.zeros_like(rest)))
+
+    def _filter(self, parts: Parts, convert: AbstractConvert):
+        length = self._lengths(parts)
+        segments = ("",) if len(length) == 1 else tuple(str(k) for k in range(len(length)))
+        return self._direct(
+            segments,
+            convert,
+            length,
+            noise=self.noise * length,
+            offset_sigma=self.offset_sigma * length,
+            drift=self.drift * length,
+        )
+
+    def functional(self, parts):
+        """Changes of the segments' lengths."""
+        return ShapeReading(self._line(parts))
+
+
+class LiquidMetalSettings(_LineSettings):
+    """A channel of liquid metal; `resistance`: of each segment at rest in Ω, or one of all; channels in Ω."""
+
+    type: Literal["liquid-metal"] = "liquid-metal"
+    resistance: Annotated[tuple[PositiveResistance, ...], NotEmpty, BeforeValidator(listed)]
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        self._one_each("resistance", self.resistance, len(self.channels))
+        return self
+
+    @property
+    def _at_rest(self) -> Float[np.ndarray, " k"]:
+        return np.broadcast_to(np.array(self.resistance), (len(self.channels),))
+
+    def sensor(self, parts):
+        """Raises MeshError for a line outside the body, ConfigError unless each segment has a channel."""
+        length = self._lengths(parts)
+        return self._filter(parts, LengthOfResistance(jnp.asarray(length), jnp.asarray(self._at_rest)))
+
+    def ideal(self, parts, time_s, values):
+        """Of changes of length (m, k) m."""
+        del time_s
+        return self._at_rest * (1.0 + np.asarray(values) / self._lengths(parts)) ** 2
+
+    def electronics(self, parts, rng):
+        """Channels that differ at rest and in gain."""
+        del parts
+        count, ohm = len(self.channels), 2.0 * self._at_rest
+        return equal_channels(
+            count,
+            nothing=self._at_rest,
+            gain=self._gains(rng, count),
+            zero=rng.normal(0.0, self.offset_sigma, count) * ohm,
+            slow_sigma=self.drift * _DRIFT_TIME_S * ohm,
+            slow_time=_DRIFT_TIME_S,
+            noise=self.noise * ohm,
+        )
+
+
+class LineLengthSettings(_LineSettings):
+    """What tells the length itself, or by how much a line is longer than at rest, in `unit`."""
+
+    type: Literal["line-length"] = "line-length"
+    unit: LengthUnit = 1e-3
+
+    def sensor(self, parts):
+        """Raises MeshError for a line outside the body, ConfigError unless each segment has a channel."""
+        return self._filter(parts, Scale(jnp.asarray(self.unit, float)))
+
+    def ideal(self, parts, time_s, values):
+        """Of changes of length (m, k) m."""
+        del time_s
+        return (self._lengths(parts) + np.asarray(values)) / self.unit
+
+    def electronics(self, parts, rng):
+        """Lengths that are off at rest, and in gain."""
+        count, length = len(self.channels), self._lengths(parts) / self.unit
+        return equal_channels(
+            count,
+            nothing=length,
+            gain=self._gains(rng, count),
+            zero=rng.normal(0.0, self.offset_sigma, count) * length,
+            slow_sigma=self.drift * _DRIFT_TIME_S * length,
+            slow_time=_DRIFT_TIME_S,
+            noise=self.noise * length,
+        )

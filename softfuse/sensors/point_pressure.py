@@ -1,0 +1,84 @@
+"""A barometer cast into the material: the hydrostatic pressure at a point, as TakkTile sensors read it.
+
+The chip and its cavity concentrate the stress around themselves: `gain` is what is measured over what the material
+alone would have, to be calibrated. The atmosphere and the stress of casting are in the zero.
+"""
+
+from typing import Annotated, Literal
+
+import jax.numpy as jnp
+import numpy as np
+from annotated_types import Ge
+from pydantic import BeforeValidator
+
+from softfuse.functional.point_pressure import PointPressure
+from softfuse.io.quantity import (
+    Dimension,
+    PositiveLength,
+    PositiveNumber,
+    PositivePressure,
+    PressureRate,
+    wrong_value,
+)
+from softfuse.mechanics.reading import ShapeReading
+from softfuse.sensors.direct import DirectSettings, Scale
+from softfuse.sensors.electronics import equal_channels
+
+_PER_READING = Dimension("a pressure", "Pa", "1 Pa")
+_DRIFT_TIME_S = 600.0
+"""How long a virtual zero drifts one way."""
+
+
+class PointPressureSettings(DirectSettings):
+    """A barometer at a [[point]], over a ball of `radius` in m; one channel, `unit` of pressure for each one of it.
+
+    noise, offset_sigma: of a reading and of its zero in Pa, drift of that per second in Pa/s.
+    """
+
+    type: Literal["point-pressure"] = "point-pressure"
+    point: str
+    radius: PositiveLength = 2e-3
+    unit: Annotated[float, BeforeValidator(_PER_READING.parse)] = 1.0
+    gain: PositiveNumber = 1.0
+    noise: PositivePressure = 5.0
+    offset_sigma: PositivePressure = 2e3
+    drift: Annotated[PressureRate, Ge(0)] = 2.0
+
+    def model_post_init(self, context, /) -> None:
+        """Raise the error of a validator unless there is one channel."""
+        if len(self.channels) != 1:
+            raise wrong_value(f"{len(self.channels)} for one barometer", key="channels")
+
+    def sensor(self, parts):
+        """Raises ConfigError for a point that there is not."""
+        parts.point_of(self.name, self.point)
+        return self._direct(
+            ("",),
+            Scale(jnp.asarray(self.unit / self.gain, float)),
+            parts.atmosphere / self.gain,
+            noise=self.noise / self.gain,
+            offset_sigma=self.offset_sigma / self.gain,
+            drift=self.drift / self.gain,
+        )
+
+    def functional(self, parts):
+        """The pressure beyond that at rest. Raises MeshError where the ball reaches out of the body."""
+        at = parts.point_of(self.name, self.point)
+        return ShapeReading(PointPressure.of(parts.body, at, self.radius))
+
+    def ideal(self, parts, time_s, values):
+        """Of pressures (m, 1) Pa in the material."""
+        del time_s
+        return (parts.atmosphere + self.gain * np.asarray(values)) / self.unit
+
+    def electronics(self, parts, rng):
+        """A barometer that is off at rest and in gain."""
+        return equal_channels(
+            1,
+            nothing=parts.atmosphere / self.unit,
+            gain=self._gains(rng, 1),
+            zero=rng.normal(0.0, self.offset_sigma, 1) / self.unit,
+            slow_sigma=self.drift * _DRIFT_TIME_S / self.unit,
+            slow_time=_DRIFT_TIME_S,
+            noise=self.noise / self.unit,
+        )

@@ -1,0 +1,112 @@
+"""Filters of sensors as their settings make them, with options in SI, for tests of the filters alone."""
+
+from typing import Any
+
+import numpy as np
+
+from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray
+from softfuse.sensors.crossed.peak_model import PeakModel
+from softfuse.sensors.crossed.settings import CrossedSettings, TouchSettings
+from softfuse.sensors.crossed.touch import TouchDetector
+from softfuse.sensors.electrodes.detector import ElectrodeDetector
+from softfuse.sensors.electrodes.sensor import ElectrodeSettings
+from softfuse.sensors.flow.filter import FlowSensor
+from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.mutual.grid import MutualGrid
+from softfuse.sensors.mutual.model import MutualModel
+from softfuse.sensors.mutual.settings import MutualSettings, MutualShapeSettings
+from softfuse.sensors.pressure.filter import PressureSensor
+from softfuse.sensors.pressure.leak import LeakTest
+from softfuse.sensors.pressure.sensor import LeakSettings, PressureSettings, TareSettings
+from softfuse.sensors.tare import Tare
+
+
+def names(count: int) -> list[str]:
+    """So many names."""
+    return [f"c{k}" for k in range(count)]
+
+
+def mm(values: Any) -> list[str]:
+    """Lengths in m as they are written."""
+    return [f"{1e3 * float(value)!r} mm" for value in values]
+
+
+def d6f_p0001a1(channels: int) -> FlowSensor:
+    """OMRON D6F-P0001A1."""
+    keys = {"name": "flow", "part": "D6F-P0001A1", "channels": names(channels), "chambers": names(channels)}
+    return FlowSettings.model_validate(keys).filter()
+
+
+def nxp(part: str, channels: int, **options: Any) -> PressureSensor:
+    """NXP pressure sensors under 101325 Pa."""
+    keys = {"name": "pressure", "part": part, "channels": names(channels), "chambers": names(channels)}
+    return PressureSettings.model_validate(keys).model_copy(update=options).filter(101325.0)
+
+
+def tare(**options: Any) -> Tare:
+    """How zeros of MPX5100 are taken."""
+    return TareSettings().model_copy(update=options).tare(2.5e3)
+
+
+def leak_test(**options: Any) -> LeakTest:
+    """The leak test."""
+    return LeakSettings().model_copy(update=options).test()
+
+
+def crossed(rows: Any, columns: Any, row_depth: float = 1.5e-3, column_depth: float = 1e-3, **options: Any):
+    """Settings of crossed lines at rows, columns (n,) m."""
+    keys = {
+        "name": "lines",
+        "contact": "contact",
+        "channels": names(len(rows) + len(columns)),
+        "row_y": mm(rows),
+        "column_x": mm(columns),
+        "row_depth": f"{row_depth} m",
+        "column_depth": f"{column_depth} m",
+    }
+    return CrossedSettings.model_validate(keys | options)
+
+
+def peak_model(rows: Any, columns: Any, row_depth: float, column_depth: float, **options: Any) -> PeakModel:
+    """The peak of a contact of 10 mm."""
+    return crossed(rows, columns, row_depth, column_depth, peak=options).peak_model(10e-3)
+
+
+def capacitive_array(**options: Any) -> CapacitiveArray:
+    """Electronics of eight rows and columns; options of their baseline, or settings of the lines."""
+    own = {key: options.pop(key) for key in tuple(options) if key in BaselineSettings.model_fields}
+    lines = 8e-3 * np.arange(8)
+    baseline = BaselineSettings().model_copy(update=own)
+    return crossed(lines, lines, **options).model_copy(update={"baseline": baseline}).array()
+
+
+def touch_detector() -> TouchDetector:
+    """When something touches crossed lines."""
+    return TouchSettings().detector(8.0)
+
+
+def electrode_detector(count: int, *, creep_time: float = 60.0, **options: Any) -> ElectrodeDetector:
+    """Single electrodes."""
+    place = {"name": "one", "centre": mm([0, 0, 0]), "direction": [0, 0, 1]}
+    keys = {"name": "skin", "contact": "contact", "channels": names(count), "electrodes": [place] * count}
+    baseline = BaselineSettings().model_copy(update={"creep_time": creep_time})
+    update = options | {"baseline": baseline}
+    return ElectrodeSettings.model_validate(keys).model_copy(update=update).detector()
+
+
+def mutual_grid(column_x: Any, row_y: Any, **shape: Any) -> MutualGrid:
+    """A grid of 4 × 4 cells; options of what a finger leaves on it."""
+    keys = {
+        "name": "grid",
+        "contact": "contact",
+        "channels": names(16),
+        "row_y": mm(row_y),
+        "column_x": mm(column_x),
+    }
+    update = {"shape": MutualShapeSettings().model_copy(update=shape)}
+    return MutualSettings.model_validate(keys).model_copy(update=update).grid()
+
+
+def mutual_model(column_x: Any, row_y: Any, **shape: Any) -> MutualModel:
+    """What a finger leaves on such a grid."""
+    return mutual_grid(column_x, row_y, **shape).model
