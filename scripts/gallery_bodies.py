@@ -1,4 +1,6 @@
-"""Write the bodies of configs/trunk.toml, configs/dome.toml and configs/pneunet.toml: closed surfaces as STL, in mm."""
+"""Write the bodies of configs/trunk.toml, configs/dome.toml and configs/pneunet.toml: closed surfaces as STL,
+in mm.
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -38,8 +40,8 @@ def dome() -> Solid:
 
 
 def pneunet() -> tuple[Solid, Solid]:
-    """A strip of 110 x 18 mm with five bellows on it, without its chamber; and the chamber: five cells and the channel
-    that connects them.
+    """A strip of 110 x 18 mm with five bellows on it, without its chamber; and the chamber: five cells and
+    the channel that connects them.
     """
     body = box((0, -9, 0), (110, 9, 5)) + box((0, -9, 0), (8, 9, 20)) + box((104, -9, 0), (110, 9, 12))
     chamber = box((10, -2, 2.2), (102, 2, 4.5))

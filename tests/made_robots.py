@@ -1,4 +1,6 @@
-"""Small robots for tests of virtual ones: a block that is pressed, and a beam that a cable and a chamber bend."""
+"""Small robots for tests of virtual ones: a block that is pressed, and a beam that a cable and a chamber
+bend.
+"""
 
 from pathlib import Path
 

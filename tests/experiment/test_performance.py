@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_robots import BEAM, BLOCK, settings_of
 
 from softfuse.errors import ConfigError
 from softfuse.experiment.performance import Performance, in_turn
@@ -11,7 +12,6 @@ from softfuse.experiment.recording_file import write_recording
 from softfuse.experiment.timeline import Frames
 from softfuse.experiment.virtual_robot import MakingErrors, VirtualRobot, virtual_robot
 from softfuse.hardware.recording import read_recording
-from made_robots import BEAM, BLOCK, settings_of
 
 N = 400
 TIME = np.arange(N) / 100.0
@@ -51,7 +51,9 @@ def test_a_programme_says_what_nominal_sensors_do(played: Performance) -> None:
     flow = 1e-8 * np.gradient(FORCE, TIME)
     np.testing.assert_allclose(programme.readings[:, 1], 0.5 + 20 * 6e4 * flow, rtol=1e-9)
     np.testing.assert_allclose(programme.readings[:, 0], 0.5)
-    np.testing.assert_allclose(programme.readings[:, 2:], np.stack([0 * FORCE + 10, 0 * FORCE, FORCE], axis=1))
+    np.testing.assert_allclose(
+        programme.readings[:, 2:], np.stack([0 * FORCE + 10, 0 * FORCE, FORCE], axis=1)
+    )
     assert programme.stepped == {"press", "sample"}
     assert len(played.electronics(1).noise) == 5
 
@@ -83,7 +85,9 @@ def test_a_recording_is_read_back_and_leaves_unknown_truth_blank(played: Perform
 
 
 def test_the_body_decides_about_parts_and_the_other_seed_about_noise(played: Performance) -> None:
-    one, same, noise, other = (played.recording(*seeds)["flow0_V"][1] for seeds in ((1, 1), (1, 1), (1, 2), (2, 1)))
+    one, same, noise, other = (
+        played.recording(*seeds)["flow0_V"][1] for seeds in ((1, 1), (1, 1), (1, 2), (2, 1))
+    )
     np.testing.assert_array_equal(one, same)
     assert (one != noise).mean() > 0.5 and abs(one[:50].mean() - noise[:50].mean()) < 1.5e-3
     assert abs(one[:50].mean() - other[:50].mean()) > 0.2e-3
@@ -102,7 +106,9 @@ def test_commands_are_told_as_commanded() -> None:
     drive, answer = np.zeros((2, 2)), np.zeros((2, 2))
     drive[1, drives["bladder"]], drive[1, drives["palm"]], answer[1, drives["palm"]] = 5e3, 4.0, 2e-3
     values = {"drive": drive, "answer": answer}
-    played = Performance(beam, np.zeros((1, 1, 3)), Frames(TIME[:2], np.zeros(2, int), np.zeros(2, int), values))
+    played = Performance(
+        beam, np.zeros((1, 1, 3)), Frames(TIME[:2], np.zeros(2, int), np.zeros(2, int), values)
+    )
     commands = played.commands
     np.testing.assert_allclose(commands["winch_mm"], [0, 2])
     np.testing.assert_allclose(commands["supply_kPa"], [0, 5])

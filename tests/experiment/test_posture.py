@@ -5,9 +5,9 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from softfuse.experiment.posture import Posture, Watched
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.experiment.posture import Posture, Watched
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.functional.pressure_cells import uniform
 from softfuse.material import NeoHookean

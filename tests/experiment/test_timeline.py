@@ -45,7 +45,9 @@ def rows() -> Frames:
 
 def test_an_episode_takes_its_time(rows: Frames) -> None:
     one = 2.0 + 1.0 + 2.0 + 3.0 + 1.5 + 1.0 + 0.4
-    assert rows.time_s[-1] == pytest.approx(one + (one + 1.0 + 0.5 + 1.0) + (2.0 + 1.0 + 0.5 + 1.0 + 0.4), abs=0.1)
+    assert rows.time_s[-1] == pytest.approx(
+        one + (one + 1.0 + 0.5 + 1.0) + (2.0 + 1.0 + 0.5 + 1.0 + 0.4), abs=0.1
+    )
     np.testing.assert_allclose(np.diff(rows.time_s), 0.01, rtol=1e-6)
     assert set(np.unique(rows.episode)) == {0, 1, 2} and (np.diff(rows.episode) >= 0).all()
 

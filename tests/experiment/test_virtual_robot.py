@@ -1,8 +1,11 @@
-"""Virtual robots: made with errors within their bounds, in equilibrium, and seen by their sensors as they are."""
+"""Virtual robots: made with errors within their bounds, in equilibrium, and seen by their sensors as they
+are.
+"""
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_robots import BEAM, BLOCK, settings_of
 
 from softfuse.errors import ConfigError
 from softfuse.experiment.episodes import Episode, Touch, episodes_of, place_of
@@ -11,7 +14,6 @@ from softfuse.experiment.virtual_robot import MakingErrors, VirtualRobot, virtua
 from softfuse.mechanics.model import simulate
 from softfuse.robot.mesh import build_mesh
 from softfuse.robot.robot import build_robot
-from made_robots import BEAM, BLOCK, settings_of
 
 NONE = MakingErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, skin=0.0, nodes=0)
 FORCES = (2.0, 6.0)
@@ -64,7 +66,9 @@ def test_its_mesh_has_so_many_times_the_nodes() -> None:
 
 def test_a_point_that_an_error_would_move_out_of_the_body_stays_in_it() -> None:
     drawn = settings_of(BLOCK, ('["0 mm", "0 mm", "17 mm"]', '["0 mm", "0 mm", "17.99 mm"]'))
-    heights = [virtual_robot(drawn, MakingErrors(nodes=0, seed=k)).made.settings.points[0].at[2] for k in range(4)]
+    heights = [
+        virtual_robot(drawn, MakingErrors(nodes=0, seed=k)).made.settings.points[0].at[2] for k in range(4)
+    ]
     assert max(heights) <= 18e-3 and min(heights) < 17.9e-3
 
 
@@ -97,7 +101,9 @@ def test_actuators_are_driven_and_hold_while_something_presses(beam: VirtualRobo
     poses = solver.poses(episode, solved=lambda: count.append(1))
     assert len(count) == solver.count(episode) == 5
     addresses = beam.made.addresses
-    shortening, tension = (poses["reading"][:, addresses.readings[name]][:, 0] for name in ("encoder", "load cell"))
+    shortening, tension = (
+        poses["reading"][:, addresses.readings[name]][:, 0] for name in ("encoder", "load cell")
+    )
     np.testing.assert_allclose(shortening[:5], 2e-3 * np.linspace(0, 1, 5), atol=1e-9)
     np.testing.assert_allclose(shortening[4:], 2e-3, atol=1e-9)
     assert (tension[1:] > 0.1).all() and abs(tension[-1] - tension[4]) > 1e-3
