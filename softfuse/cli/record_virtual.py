@@ -27,7 +27,7 @@ def record_virtual(
     ] = 1,
     quiet: Quiet = False,
 ) -> None:
-    """Make a robot that differs from its drawing as real ones do, press and drive it, and record its sensors."""
+    """Make a robot that is off its drawing as real ones are, press and drive it, and record."""
     settings = load(config)
     require_sensors(settings)
     with termination_interrupts():

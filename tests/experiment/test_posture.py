@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.experiment.posture import Posture, Watched
+from softfuse.robot.posture import Posture, Watched
 from softfuse.functional.chart import facing
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.functional.pressure_cells import uniform

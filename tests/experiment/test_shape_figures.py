@@ -3,12 +3,12 @@
 import warnings
 
 import numpy as np
-
 from softfuse.experiment.finger_figures import contacts_over_time, points_over_depth
-from softfuse.report.page import picture
-from softfuse.report.shape_figures import Shape, shapes, sharp_edges
+
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import outer_surface
+from softfuse.report.page import picture
+from softfuse.report.shape_figures import Shape, shapes, sharp_edges
 
 MM = 1e-3
 MESH = pad_mesh(
