@@ -22,7 +22,6 @@ from softfuse.sensors.base import (
     AbstractSensor,
     Context,
     Evidence,
-    FrameTime,
     Hint,
     Measurement,
     SensorSettings,
@@ -30,7 +29,7 @@ from softfuse.sensors.base import (
     VolumeChange,
 )
 from softfuse.sensors.contact_places import chart_places, joined_places
-from softfuse.sensors.frame_time import frame_step
+from softfuse.sensors.frame_time import FrameClock, FrameTime, clock_init, frame_step
 from softfuse.sensors.parts import Parts
 from softfuse.sensors.pneumatic_touch import (
     PneumaticDetector,
@@ -120,7 +119,7 @@ class ContactSlots(eqx.Module):
 class SuiteState(eqx.Module):
     """Memory between frames: time [s], of each sensor, of what only gas tells, and the last volumes."""
 
-    time_s: Float[Array, ""]
+    clock: FrameClock
     sensors: tuple[Any, ...]
     contacts: tuple[Any, ...]
     pneumatic: PneumaticState
@@ -214,7 +213,7 @@ class SensorSuite(eqx.Module):
         """State before the first frame; nothing touches, unless a sensor tells."""
         chambers = len(self._chambers)
         return SuiteState(
-            jnp.full((), -jnp.inf),
+            clock_init(),
             tuple(each.init() for each in self.sensors),
             tuple(each.init() for each in self.contact_sensors),
             pneumatic_init(),
@@ -227,8 +226,7 @@ class SensorSuite(eqx.Module):
         """One frame at `time_s` [s] of raw readings (n,) in the order of `channels`; NaN stands for what is
         missing.
         """
-        now, dt, forward = frame_step(state.time_s, time_s)
-        frame = FrameTime(now, dt, forward, ~jnp.isfinite(state.time_s))
+        clock, frame = frame_step(state.clock, time_s)
         inputs, driven = self.inputs, jnp.asarray(False)
         for each, own in zip(self.sensors, state.sensors, strict=True):
             driven = driven | each.driven(own, raw[inputs[each.name]])
@@ -266,7 +264,7 @@ class SensorSuite(eqx.Module):
             own, found = each.locate(seen, frame, context, _squeezed(volume))
             located.append(own)
             evidence.append(found)
-        return SuiteState(now, tuple(later), tuple(located), pneumatic, volume), self._observation(
+        return SuiteState(clock, tuple(later), tuple(located), pneumatic, volume), self._observation(
             frame, context, measured, evidence
         )
 
@@ -316,7 +314,7 @@ class SensorSuite(eqx.Module):
             jnp.concatenate, zip((*nothing, *nowhere), *columns, strict=True)
         )
         pressing = allowed | unseen
-        flags = {Status.bad_time: ~frame.forward}
+        flags = {Status.bad_time: ~frame.forward, Status.clock_anew: frame.anew}
         for each in (*measured, *evidence):
             flags |= each.flags
         flags |= {
