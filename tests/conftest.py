@@ -20,7 +20,6 @@ from made_sensors import mutual_model
 from softfuse.body import LINEAR, TAYLOR_HOOD, Body, mesh_for
 from softfuse.body.element import Element
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
-from softfuse.experiment.mutual_field import Thing
 from softfuse.report.mutual_figures import image_of
 from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.functional import Cavity

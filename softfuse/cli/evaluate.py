@@ -22,7 +22,8 @@ from softfuse.experiment.build_virtual_pad import PadPlan
 from softfuse.hardware.recording import read_recording
 from softfuse.report.page import table
 from softfuse.robot.digest import digest
-from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 
 
 def evaluate(
