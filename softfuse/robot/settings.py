@@ -124,7 +124,9 @@ class RobotSettings(FileSettings):
         channels = self.channels
         twice = {name for name in channels if channels.count(name) > 1}
         if twice:
-            raise wrong_value(f'"{min(twice)}" is the column of two sensors or commands: give each its own')
+            raise wrong_value(
+                f'"{min(twice)}" is the column of two sensors or commands: give each its own', key="sensor"
+            )
         self.body.source.check_cavities([chamber.centre for chamber in self.chambers])
         check_sources(self.sources)
         return self

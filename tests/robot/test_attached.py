@@ -227,7 +227,7 @@ def test_the_cable_is_optional_and_so_is_its_sensor(write_finger: Write, finger_
         (
             'supply = "5 V"',
             'supply = "3.3 V"',
-            'sensors.pressure.reference: 3.3 is not between 4.75 and 5.25',
+            "sensors.pressure.reference: 3.3 is not between 4.75 and 5.25",
         ),
         ('high = "4.998 V"', 'high = "1 mV"', "sensors.pressure.low: must be below high = 0.001"),
         (
