@@ -38,7 +38,7 @@ ALLOWED: dict[str, set[str]] = {
 
 HEAVY = {
     *("trimesh", "pytetwild", "meshio", "matplotlib", "serial", "rerun", "manifold3d", "pint", "h5py"),
-    *("mcap", "pyarrow", "distributed", "dask", "cryptography"),
+    *("mcap", "pyarrow", "distributed", "dask", "cryptography", "cascadio"),
 }
 """Libraries that are imported inside the functions that need them."""
 
