@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -169,7 +169,7 @@ def _mesh(part: _Part, path: Path) -> "meshio.Mesh":
             kinds.append(kind)
             cells.append(faces)
     try:
-        blocks = [
+        blocks: list[Any] = [
             meshio.CellBlock(kind, np.array([[number[each] for each in cell] for cell in block]))
             for kind, block in zip(kinds, cells, strict=True)
         ]

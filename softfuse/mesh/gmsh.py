@@ -8,7 +8,7 @@ Source: Gmsh 4.13 reference manual, "MSH file format" and "Node ordering".
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -213,7 +213,7 @@ def _mesh(
         raise ValueError("no $Nodes or no $Elements")
     place = np.full(label.max() + 1, -1)
     place[label] = np.arange(len(label))
-    cells = [meshio.CellBlock(kind, place[cell]) for _, _, kind, _, cell in blocks]
+    cells: list[Any] = [meshio.CellBlock(kind, place[cell]) for _, _, kind, _, cell in blocks]
     if any((block.data < 0).any() for block in cells):
         raise ValueError("an element names a node that is not there")
     own = [groups.get((dimension, tag), []) for dimension, tag, *_ in blocks]

@@ -22,7 +22,7 @@ def read_step(path: Path) -> Shell:
     `softfuse.mesh.shell.checked` does.
     """
     try:
-        import cascadio
+        import cascadio  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise MeshError(
             f'{path}: STEP files need the extra "cad": pip install "softfuse[cad]", or export it as STL'
