@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Quiet, busy, counted, stdout
+from softfuse.cli.terminal import Quiet, busy, counted, out_file, stdout
 from softfuse.report.calibrated import calibrated_robot, check_out
 from softfuse.report.calibration import tell
 from softfuse.report.recorded import read_sensors
@@ -21,7 +21,7 @@ def calibrate(
     ],
     out: Annotated[
         Path,
-        typer.Option(help="Settings to write; beside them go a report, .html, and perhaps a file, .npz."),
+        out_file(help="Settings to write; beside them go a report, .html, and perhaps a file, .npz."),
     ],
     presses: Annotated[
         str | None, typer.Option(help="Values of the column `press` to use, such as 0-4; default: all.")

@@ -7,8 +7,8 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from softfuse.cli.terminal import Quiet, busy, stdout
-from softfuse.functional.cavity import enclosed_volume
+from softfuse.cli.terminal import Quiet, busy, out_file, stdout
+from softfuse.functional.cavity import volume_within
 from softfuse.mesh.files import write_mesh
 from softfuse.mesh.quality import MeshQuality, Spread, mesh_quality
 from softfuse.mesh.surface import Surface, boundary_faces
@@ -18,7 +18,7 @@ from softfuse.robot.mesh import RobotMesh, build_mesh
 
 def mesh(
     config: Annotated[Path, typer.Argument(help="Configuration of the robot (TOML).")],
-    out: Annotated[Path, typer.Option(help="File to write: .vtu, .vtk, .msh or .xdmf; lengths in metres.")],
+    out: Annotated[Path, out_file(help="File to write: .vtu, .vtk, .msh or .xdmf; lengths in metres.")],
     quiet: Quiet = False,
 ) -> None:
     """Build the mesh of a robot, write it to a file and report its quality."""
@@ -55,7 +55,7 @@ def quality_table(name: str, chambers: list[str], made: RobotMesh) -> Table:
 
 def _within(surface: Surface, made: RobotMesh) -> float:
     """Volume in m³ that a surface encloses, its edges as curved as they are."""
-    return enclosed_volume(surface.faces, made.mesh.nodes)
+    return volume_within(surface.faces, made.mesh.nodes)
 
 
 def _counts(quality: MeshQuality, made: RobotMesh) -> list[tuple[str, str]]:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Quiet, busy, stdout, tracked_calls
+from softfuse.cli.terminal import Quiet, busy, out_folder, stdout, tracked_calls
 from softfuse.report.observability import expected
 from softfuse.report.recording_report import make_folder
 from softfuse.robot.file import load
@@ -15,7 +15,7 @@ from softfuse.robot.robot import build_robot, require_sensors
 
 def observe(
     config: Annotated[Path, typer.Argument(help="Configuration of the robot (TOML).")],
-    out: Annotated[Path, typer.Option(help="Folder for observability.csv and report.html.")],
+    out: Annotated[Path, out_folder("Folder for observability.csv and report.html.")],
     contact: Annotated[str | None, typer.Option(help="Name of the contact, if there are several.")] = None,
     force: Annotated[float, typer.Option(help="Force of the contact in N.", min=0.01)] = 5.0,
     side: Annotated[int, typer.Option(help="Places in each direction of a flat workspace.", min=2)] = 13,

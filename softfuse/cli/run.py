@@ -11,7 +11,7 @@ from rich.live import Live
 from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.live_display import LiveDisplay
 from softfuse.cli.sources import session_info, sources_of
-from softfuse.cli.terminal import Charts, Quiet, busy, stderr, stdout
+from softfuse.cli.terminal import Charts, Quiet, busy, out_file, stderr, stdout
 from softfuse.cli.view_options import Bind, SaveView, StreamPort, View, ViewPort, opened_view
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
@@ -34,7 +34,7 @@ def run(
         typer.Option(help="Port of a board of softfuse's protocol, instead of [\\[source]]; repeatable."),
     ] = None,
     baud: Annotated[int, typer.Option(help="Baud rate of these ports.", min=50)] = 115200,
-    record: Annotated[Path | None, typer.Option(help="Record everything to this file (.mcap).")] = None,
+    record: Annotated[Path | None, out_file(help="Record everything to this file (.mcap).")] = None,
     view: View = False,
     save_view: SaveView = None,
     bind: Bind = LOOPBACK,

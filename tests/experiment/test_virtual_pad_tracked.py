@@ -22,6 +22,7 @@ from softfuse.experiment.pad_electrodes import LineElectrodes
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadBed, pad_touches
 from softfuse.experiment.virtual_pad import Touch
+from softfuse.functional.chart import facing
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.mechanics.sparse import SparseLU
 from softfuse.sensors.crossed.field import FieldSettings
@@ -68,7 +69,7 @@ def found(config: RobotSettings) -> Found:
     """Everything as in a live device, but for coarse meshes, alike: what they miss is not at issue."""
     # More cells of pressure than these cannot be told apart on so coarse a mesh.
     cells = flat_punch(RIMS, SECTORS)
-    device = eqx.tree_at(lambda d: d.contact.disc.cells, build_device(config), cells)
+    device = eqx.tree_at(lambda d: d.contacts[0].disc.cells, build_device(config), cells)
     plan = pad_plan(config, config.body.source, SHEAR, POISSON)
     pad = replace(plan.settings, surface_size=28e-3, base_size=28e-3, growth=0.5, rims=RIMS, sectors=SECTORS)
     assert isinstance(plan.array, LineElectrodes)
@@ -105,7 +106,8 @@ def found(config: RobotSettings) -> Found:
 def _force_of(tracker: Tracker, at: np.ndarray, volume: np.ndarray) -> float:
     """What the estimator finds, iterated, for exact volumes (4,) m³ at a place (2,) m."""
     tracker.reset()
-    seen = Observation(jnp.asarray(volume), 1e9 * jnp.eye(4), jnp.array([[*at, 0.0]]))
+    place = facing(np.array([[*at, 0.0]]), (0, 0, -1))
+    seen = Observation(jnp.asarray(volume), 1e9 * jnp.eye(4), jnp.asarray(place))
     for _ in range(4):
         drive = tracker.estimator.update(seen, LIMITS).drive
     return float(drive[0])
