@@ -1,0 +1,83 @@
+"""What `softfuse evaluate` writes at the end: a page, tables as LaTeX and CSV, figures as PNG and PDF."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from softfuse.report.comparison import UNKNOWN, Comparison
+from softfuse.report.page import page, picture
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ABOUT = (
+    f"<p>Paper: Navarro et al., RA-L 5(4), 2020, on their own devices; {UNKNOWN} where its figure is not at "
+    "hand. The others: this robot, on a virtual test bed.</p>"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Plate:
+    """A figure, the name of its files, and its caption."""
+
+    name: str
+    caption: str
+    figure: "Figure"
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Tables, figures, further sections (heading, HTML), and columns (s,) of all samples of each way of
+    estimating.
+    """
+
+    tables: tuple[Comparison, ...]
+    plates: tuple[Plate, ...]
+    sections: tuple[tuple[str, str], ...]
+    samples: Mapping[str, Mapping[str, Float[np.ndarray, " s"]]]
+
+    @classmethod
+    def joined(cls, parts: Sequence["Evaluation"]) -> "Evaluation":
+        """Several one after the other; samples of the first that has some."""
+        samples = next((part.samples for part in parts if part.samples), {})
+        return cls(
+            tuple(each for part in parts for each in part.tables),
+            tuple(each for part in parts for each in part.plates),
+            tuple(each for part in parts for each in part.sections),
+            samples,
+        )
+
+
+def write_evaluation(
+    folder: Path, title: str, evaluation: Evaluation, sections: Sequence[tuple[str, str]]
+) -> list[Path]:
+    """Write everything into the folder, further sections among it, and return the files; raises OSError when
+    that cannot be.
+    """
+    written = [folder / "report.html"]
+    for name in ("tables", "figures"):
+        (folder / name).mkdir(exist_ok=True)
+    for each in evaluation.tables:
+        for suffix, text in ((".tex", each.latex), (".csv", each.csv)):
+            written.append(folder / "tables" / f"{each.name}{suffix}")
+            written[-1].write_text(text, encoding="utf-8")
+    for plate in evaluation.plates:
+        for suffix in (".png", ".pdf"):
+            written.append(folder / "figures" / f"{plate.name}{suffix}")
+            plate.figure.savefig(written[-1])
+    for way, columns in evaluation.samples.items():
+        written.append(folder / "tables" / f"samples_{way.replace(' ', '_')}.csv")
+        with written[-1].open("w", newline="") as stream:
+            rows = csv.writer(stream, lineterminator="\n")
+            rows.writerow(columns)
+            rows.writerows([f"{value:.6g}" for value in row] for row in zip(*columns.values(), strict=True))
+    parts = [(each.title, each.html) for each in evaluation.tables]
+    figures = "".join(picture(plate.figure, plate.caption) for plate in evaluation.plates)
+    everything = [("About", _ABOUT), *parts, *evaluation.sections, *sections, ("Figures", figures)]
+    written[0].write_text(page(title, everything), encoding="utf-8")
+    return written
