@@ -13,7 +13,7 @@ from live_frames import compilations
 from pad_meshes import pad_on
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from softfuse.robot.file import RobotSettings
+from softfuse.robot.settings import RobotSettings
 from softfuse.config.build_device import build_device, build_limits
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation

@@ -26,7 +26,8 @@ import numpy as np
 
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
 from softfuse.cli.computing import prepare_jax
-from softfuse.robot.file import RobotSettings, load, save_edited
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings, save_edited
 from softfuse.config.build_device import build_device
 from softfuse.experiment.build_evaluation import build_bed
 from softfuse.config.build_tracker import build_tracker

@@ -1,4 +1,6 @@
-"""Write the bodies of configs/trunk.toml, configs/dome.toml and configs/pneunet.toml: closed surfaces as STL, in mm."""
+"""Write the bodies of configs/trunk.toml, configs/dome.toml and configs/pneunet.toml: closed surfaces as STL,
+in mm.
+"""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,12 +17,12 @@ Solid = manifold3d.Manifold
 
 def trunk() -> Solid:
     """160 mm along z, radius 18 mm at the base and 10 mm at the tip, three tapered chambers inside."""
-    body = Solid.cylinder(160.0, 18.0, 10.0, 16)
+    body = Solid.cylinder(160.0, 18.0, 10.0, 12)
     for angle in np.deg2rad([60.0, 180.0, 300.0]):
         across = np.array([np.cos(angle), np.sin(angle)])
         ends = [
-            Solid.cylinder(1.0, size, size, 6).translate([*(at * across), z])
-            for z, at, size in ((12.0, 8.7, 3.8), (140.0, 5.5, 2.4))
+            Solid.cylinder(1.0, size, size, 4).translate([*(at * across), z])
+            for z, at, size in ((12.0, 8.7, 5.5), (140.0, 5.5, 3.2))
         ]
         body -= Solid.batch_hull(ends)
     return body
@@ -38,8 +40,8 @@ def dome() -> Solid:
 
 
 def pneunet() -> tuple[Solid, Solid]:
-    """A strip of 110 x 18 mm with five bellows on it, without its chamber; and the chamber: five cells and the channel
-    that connects them.
+    """A strip of 110 x 18 mm with five bellows on it, without its chamber; and the chamber: five cells and
+    the channel that connects them.
     """
     body = box((0, -9, 0), (110, 9, 5)) + box((0, -9, 0), (8, 9, 20)) + box((104, -9, 0), (110, 9, 12))
     chamber = box((10, -2, 2.2), (102, 2, 4.5))

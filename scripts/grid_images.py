@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 
 from softfuse.cli.terminal import stderr, stdout
-from softfuse.report.mutual_figures import fig_11
 from softfuse.experiment.paper.mutual_bed import MutualBed
+from softfuse.report.mutual_figures import fig_11
 
 
 def main(path: Annotated[Path, typer.Argument(help="Picture to write: .png, .svg or .pdf.")]) -> None:

@@ -33,10 +33,11 @@ from softfuse.design.problem import Geometry
 from softfuse.design.verification import pressed
 from softfuse.errors import SoftfuseError
 from softfuse.robot.digest import digest
-from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.file import load
 from softfuse.robot.layout.layout_mesh import layout_mesh
 from softfuse.robot.mesh import build_mesh
 from softfuse.robot.robot import build_robot
+from softfuse.robot.settings import RobotSettings
 
 log = logging.getLogger(__name__)
 

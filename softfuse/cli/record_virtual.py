@@ -7,12 +7,12 @@ import platformdirs
 import typer
 
 from softfuse.cli.interruption import termination_interrupts
-from softfuse.cli.result_folder import put_in_place
 from softfuse.cli.terminal import Quiet, busy, out_file, stdout, tracked_calls
 from softfuse.experiment.equilibria import RobotSolver
 from softfuse.experiment.performance import performance, random_episodes
 from softfuse.experiment.recording_file import write_recording
 from softfuse.experiment.virtual_robot import MakingErrors, virtual_robot
+from softfuse.report.result_folder import put_in_place
 from softfuse.robot.file import load
 from softfuse.robot.robot import require_sensors
 
@@ -27,7 +27,7 @@ def record_virtual(
     ] = 1,
     quiet: Quiet = False,
 ) -> None:
-    """Make a robot that differs from its drawing as real ones do, press and drive it, and record its sensors."""
+    """Make a robot that is off its drawing as real ones are, press and drive it, and record."""
     settings = load(config)
     require_sensors(settings)
     with termination_interrupts():

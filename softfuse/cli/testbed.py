@@ -26,8 +26,9 @@ from softfuse.hardware.testbed.gathering import ForceAxis
 from softfuse.hardware.testbed.places import grid, read_places
 from softfuse.hardware.testbed.procedure import PressSettings
 from softfuse.robot.contacts import DiscSettings
-from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.file import load
 from softfuse.robot.robot import require_sensors
+from softfuse.robot.settings import RobotSettings
 
 _DEFAULTS = PressSettings()
 _LIMIT = 1.3

@@ -50,7 +50,9 @@ def virtual_device(
     for_s: Annotated[float | None, typer.Option("--for", help="End after so many seconds.")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Act as the robot: press and drive a virtual one and send what its sensors say on a port, again and again."""
+    """Act as the robot: press and drive a virtual one and send what its sensors say on a port, again and
+    again.
+    """
     settings = load(config)
     rate_Hz = _rate(rate)
     if for_s is not None and not 0 < for_s < math.inf:

@@ -22,8 +22,8 @@ NINETY = 1.645
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Estimates and truth at the instants that count: level (s,) from 1, location (s, d) [m] along x and y, or
-    x, y and z, force (s,) [N], and the standard deviations of both.
+    """Estimates and truth at the instants that count: level (s,) from 1, location (s, d) [m] along x and y,
+    or x, y and z, force (s,) [N], and the standard deviations of both.
 
     NaN where there is no estimate, or its standard deviation is not known.
     """

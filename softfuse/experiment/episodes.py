@@ -35,8 +35,8 @@ _TRIES = 100
 
 @dataclass(frozen=True)
 class Touch:
-    """What presses: the name of the contact, its place on the body at rest, the increasing forces [N] at which it
-    rests.
+    """What presses: the name of the contact, its place on the body at rest, the increasing forces [N] at
+    which it rests.
     """
 
     contact: str
@@ -53,9 +53,9 @@ class Touch:
 
 @dataclass(frozen=True)
 class Episode:
-    """Touches at once, with as many forces each, and to what actuators are driven before, by their name: a cable to
-    a shortening [m] or tension [N], whichever it is commanded to, a shortening where it is not; a chamber to a gauge
-    pressure [Pa]. What is not named stays as it is at rest.
+    """Touches at once, with as many forces each, and to what actuators are driven before, by their name: a
+    cable to a shortening [m] or tension [N], whichever it is commanded to, a shortening where it is not; a
+    chamber to a gauge pressure [Pa]. What is not named stays as it is at rest.
     """
 
     touches: tuple[Touch, ...] = ()
@@ -73,8 +73,8 @@ class Episode:
 def episodes_of(
     robot: Robot, count: int, *, reach: Sequence[tuple[str, float]], seed: int
 ) -> tuple[Episode, ...]:
-    """So many episodes at random: each touches anywhere that contacts may press, every other one drives actuators
-    too, all do where nothing may press; every third has as many touches at once as the contact has.
+    """So many episodes at random: each touches anywhere that contacts may press, every other one drives
+    actuators too, all do where nothing may press; every third has as many touches at once as the contact has.
 
     reach: the most that each actuator is driven to, see `equilibria.reach_of`.
     """
@@ -137,5 +137,6 @@ def _place(robot: Robot, contact: str, rng: np.random.Generator) -> Float[np.nda
             # Most of an electrode's length, not its edges, where its neighbour may see more of it.
             return moved(np.asarray(sensor.places[k]), 0.7 * rng.uniform(-half, half))
     raise ConfigError(
-        f'{robot.settings.path}: contact "{contact}": nobody says where it may press: give it a surface, or electrodes'
+        f'{robot.settings.path}: contact "{contact}": nobody says where it may press: give it a surface, '
+        "or electrodes"
     )

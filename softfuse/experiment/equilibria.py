@@ -1,8 +1,8 @@
 """The equilibria that a virtual robot passes through in an episode, and what its sensors could see of each.
 
-First its actuators are driven, in steps; then what touches comes near along its normal, until it lies on the surface
-as that is now; then it presses. All is elastic, so that the way back passes through the same equilibria. Cables that
-are commanded to a length hold it while something presses, others their tension.
+First its actuators are driven, in steps; then what touches comes near along its normal, until it lies on the
+surface as that is now; then it presses. All is elastic, so that the way back passes through the same
+equilibria. Cables that are commanded to a length hold it while something presses, others their tension.
 """
 
 import logging
@@ -41,8 +41,8 @@ _DRIVE_STEPS = 4
 """Equilibria on the way of the actuators."""
 
 _GAPS_M = (60e-3, 40e-3, 25e-3, 14e-3, 8e-3, 4e-3, 2e-3, 1e-3, 0.5e-3, 0.25e-3, 0.0)
-"""Heights above the surface at which sensors that see contacts are computed; at the first they lose no more than
-noise.
+"""Heights above the surface at which sensors that see contacts are computed; at the first they lose no more
+than noise.
 """
 
 _UNSEEN_GAPS_M = (5e-3, 0.0)
@@ -77,7 +77,9 @@ class Carried:
 
 @dataclass(frozen=True, eq=False)
 class _Skin:
-    """The surface under a touch: nodes (s,), shape values (s,), and their slopes (s, 2) [1/m] along its tangents."""
+    """The surface under a touch: nodes (s,), shape values (s,), and their slopes (s, 2) [1/m] along its
+    tangents.
+    """
 
     nodes: Int[np.ndarray, " s"]
     shape: Float[np.ndarray, " s"]
@@ -128,14 +130,15 @@ class RobotSolver:
         return [Carried.of(parts.body, sensor.points(parts)) for sensor in self._seeing]
 
     def poses(self, episode: Episode, *, solved: Callable[[], None] | None = None) -> Arrays:
-        """The n equilibria of an episode, in order: rest, the actuators' way, contacts at their gaps, the forces.
+        """The n equilibria of an episode, in order: rest, the actuators' way, contacts at their gaps, the
+        forces.
 
-        Arrays, c slots of contacts, a drives of actuators: `reading` (n, k) SI; `signal <sensor>` (n, e), what those
-        that see contacts say; `force` (n, c) N; `gap` (n, c) m, below 0 by how deep it is pressed in; `point` (n, p, 3)
-        m; `drive`, `answer` (n, a) SI, tensions and shortenings of cables; `volume` (n, h) m³ changes of chambers; `held` (n,)
-        1 where it rests for a sample, else 0.
-        `solved` is called after each equilibrium. Raises ConfigError for a contact or actuator that there is not, or
-        a disc that overhangs, SolveError when an equilibrium is not found.
+        Arrays, c slots of contacts, a drives of actuators: `reading` (n, k) SI; `signal <sensor>` (n, e),
+        what those that see contacts say; `force` (n, c) N; `gap` (n, c) m, below 0 by how deep it is pressed
+        in; `point` (n, p, 3) m; `drive`, `answer` (n, a) SI, tensions and shortenings of cables; `volume` (n,
+        h) m³ changes of chambers; `held` (n,) 1 where it rests for a sample, else 0. `solved` is called after
+        each equilibrium. Raises ConfigError for a contact or actuator that there is not, or a disc that
+        overhangs, SolveError when an equilibrium is not found.
         """
         done = solved or (lambda: None)
         touches, slots = episode.touches, self._slots(episode)
@@ -197,8 +200,8 @@ class RobotSolver:
         return levels + _DRIVE_STEPS * driven
 
     def reach(self) -> tuple[tuple[str, float], ...]:
-        """The most that each actuator is driven to, as an `Episode` has it: the highest pressure; a cable's largest
-        tension, or the shortening that it would cause if the body were linear.
+        """The most that each actuator is driven to, as an `Episode` has it: the highest pressure; a cable's
+        largest tension, or the shortening that it would cause if the body were linear.
         """
         settings, reach = self._made.settings, []
         for number, cable in enumerate(settings.cables):
@@ -273,9 +276,9 @@ class RobotSolver:
 
     def _check(self, model: Model, touches: Sequence[Touch]) -> None:
         for touch, contact in zip(touches, model.contacts, strict=True):
-            if isinstance(contact, PunchContact):
-                if float(contact.at(jnp.array(touch.place)).overlap(model.body)) < 1.0:
-                    raise ConfigError(f"{touch} overhangs the edge of the body: move it inwards")
+            place = jnp.array(touch.place)
+            if isinstance(contact, PunchContact) and float(contact.at(place).overlap(model.body)) < 1.0:
+                raise ConfigError(f"{touch} overhangs the edge of the body: move it inwards")
 
     def _found(self, model: Model, places: Array, drive: Array, state: State, where: str) -> State:
         found = simulate(model, places, drive, state)
@@ -378,8 +381,8 @@ def kept_poses(
     *,
     solved: Callable[[], None] | None = None,
 ) -> list[Arrays]:
-    """The equilibria of each episode, see `RobotSolver.poses`, from the folder those that are there; None: computed
-    and not kept. `solved` is called after each equilibrium that is computed.
+    """The equilibria of each episode, see `RobotSolver.poses`, from the folder those that are there; None:
+    computed and not kept. `solved` is called after each equilibrium that is computed.
     """
     made = digest(robot.drawn, _MATTERS), robot.errors
     files = [f"robot-{settings_digest(*made, episode)}" for episode in episodes]

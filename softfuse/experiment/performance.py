@@ -6,7 +6,7 @@ Truth, for evaluation only; names as in `robot.names`, <slot> of each contact th
 |---|---|
 | `press` | number of the episode, from 0 |
 | `sample` | 1, 2 ... at one row in the middle of the hold of the first, second ... force, else 0 |
-| `true_x_mm`, `true_y_mm`, `true_z_mm` | place of a robot's only contact on the body at rest; empty where there is none |
+| `true_x_mm`, `true_y_mm`, `true_z_mm` | place of the only contact on the body at rest; empty without one |
 | `true_force_N` | its force |
 | `true_<slot>_x_mm` ..., `true_<slot>_force_N` | the same of each of several |
 | `true_<slot>_place` | number of the place with a name that is nearest, -1 where there is no contact |
@@ -44,8 +44,8 @@ _SHOWN = 4
 
 @dataclass(frozen=True, eq=False)
 class Performance:
-    """A virtual robot and the rows of episodes that it goes through; `places` (e, c, 3) m: where on the body at rest
-    each slot's contact presses in each episode, NaN where there is none.
+    """A virtual robot and the rows of episodes that it goes through; `places` (e, c, 3) m: where on the body
+    at rest each slot's contact presses in each episode, NaN where there is none.
     """
 
     robot: VirtualRobot
@@ -78,7 +78,7 @@ class Performance:
 
     @property
     def apart(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The channels of sensors that see contacts, and all others; raises ConfigError when either are none."""
+        """The channels of sensors that see contacts, and all others; ConfigError when either are none."""
         made = self.robot.made
         sees = {sensor.name for sensor in made.suite.contact_sensors}
         seeing = tuple(name for each in made.settings.sensors if each.name in sees for name in each.columns)
@@ -97,7 +97,9 @@ class Performance:
         return side_by_side([*parts, equal_channels(len(made.commands), noise=0.0, step=_COMMANDED_STEP)])
 
     def recording(self, seed: int, noise: int) -> Columns:
-        """All rows as real sensors, drawn from a seed, say them, with noise drawn from another, and the truth."""
+        """All rows as real sensors, drawn from a seed, say them, with noise drawn from another, and the
+        truth.
+        """
         made, time = self.robot.made, self.frames.time_s
         columns = {"time_s": time}
         for k, sensor in enumerate(made.settings.sensors):
@@ -156,14 +158,14 @@ def performance(
     episodes: Sequence[Episode],
     *,
     folder: Path | None,
-    timing: Timing = Timing(),
+    timing: Timing | None = None,
     solved: Callable[[], None] | None = None,
 ) -> Performance:
-    """A virtual robot that goes through episodes; `folder`, `solved`: see `kept_poses`, which also says what it
-    raises.
+    """A virtual robot that goes through episodes; `folder`, `solved`: see `kept_poses`, which also says what
+    it raises.
     """
     found = kept_poses(folder, robot, episodes, solved=solved)
-    return Performance(robot, places_of(robot, episodes), frames(found, timing))
+    return Performance(robot, places_of(robot, episodes), frames(found, timing or Timing()))
 
 
 def places_of(robot: VirtualRobot, episodes: Sequence[Episode]) -> Float[np.ndarray, "e c 3"]:

@@ -12,7 +12,9 @@ from jaxtyping import Float
 from softfuse.errors import RecordingError
 
 Columns = dict[str, tuple[int | None, Float[np.ndarray, " n"]]]
-"""Name of each column to its decimals, None for eight significant digits, and its values (n,), NaN for an empty field."""
+"""Name of each column to its decimals, None for eight significant digits, and its values (n,), NaN for an
+empty field.
+"""
 
 _DECIMALS = {"s": 3, "V": 5, "N": 5, "mm": 4, "mm3": 3, "Pa": 2}
 """Of columns whose names end with a unit; others hold whole numbers."""

@@ -1,9 +1,10 @@
 """Episodes in time: a virtual robot passes through its equilibria, rests in some and goes back.
 
-All ways are passed as s(τ) = τ² (3 − 2τ) of the elapsed share τ of their time, so that no flow jumps. In between
-equilibria values are monotone cubics of the actuators' way, of the gap in air, and of force and depth together (Fritsch and Carlson,
-SIAM J. Numer. Anal. 17 (1980) 238). Each episode begins with a rest: sensors take their zeros there, and leaks are
-looked for. From one episode to the next, what touches goes over to the next place.
+All ways are passed as s(τ) = τ² (3 − 2τ) of the elapsed share τ of their time, so that no flow jumps. In
+between equilibria values are monotone cubics of the actuators' way, of the gap in air, and of force and depth
+together (Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238). Each episode begins with a rest: sensors
+take their zeros there, and leaks are looked for. From one episode to the next, what touches goes over to the
+next place.
 """
 
 from collections.abc import Sequence
@@ -18,9 +19,9 @@ from softfuse.experiment.pose_cache import Arrays
 
 @dataclass(frozen=True)
 class Timing:
-    """Rows per second; seconds at rest, of the actuators' way and of the hold after it, of going over to the next
-    place, of holding a force, and in which forces rise to the largest of an episode, and fall from it; speed through
-    the air in m/s.
+    """Rows per second; seconds at rest, of the actuators' way and of the hold after it, of going over to the
+    next place, of holding a force, and in which forces rise to the largest of an episode, and fall from it;
+    speed through the air in m/s.
     """
 
     rate_Hz: float = 100.0
@@ -36,9 +37,9 @@ class Timing:
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """n rows: time (n,) s; number of the episode (n,); sample (n,): 1, 2 ... at one row in the middle of the hold of
-    the first, second ... force, of the actuators' hold where nothing touches, else 0; and the values of the
-    equilibria, see `RobotSolver.poses`, with n as leading axis.
+    """n rows: time (n,) s; number of the episode (n,); sample (n,): 1, 2 ... at one row in the middle of the
+    hold of the first, second ... force, of the actuators' hold where nothing touches, else 0; and the values
+    of the equilibria, see `RobotSolver.poses`, with n as leading axis.
     """
 
     time_s: Float[np.ndarray, " n"]
@@ -84,7 +85,7 @@ class _Rows:
 
 
 def frames(passed: Sequence[Arrays], timing: Timing = Timing()) -> Frames:
-    """The rows of episodes one after the other, through their equilibria; the last leads over to the first."""
+    """The rows of episodes one after the other, through their equilibria; the last leads to the first."""
     rows = _Rows(timing.rate_Hz)
     tables = [_table(each) for each in passed]
     for k, (poses, table) in enumerate(zip(passed, tables, strict=True)):

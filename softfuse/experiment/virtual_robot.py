@@ -1,13 +1,15 @@
 """A robot as it comes out of the mould, unlike any model of it: for virtual boards and test beds.
 
-It differs from its drawing in what an estimator does not know: silicone that stiffens with strain, of a stiffness
-that is off by a part; chambers, guides of cables and named points off their places; a mesh with more nodes; what
-presses has a skin of its own; and its sensors' parts, see `SensorSettings.electronics`. The errors are uniform in
-± their bound, drawn from a seed. Elastic and quasi-static: no viscosity, no friction but at the cables' guides.
+It differs from its drawing in what an estimator does not know: silicone that stiffens with strain, of a
+stiffness that is off by a part; chambers, guides of cables and named points off their places; a mesh with
+more nodes; what presses has a skin of its own; and its sensors' parts, see `SensorSettings.electronics`. The
+errors are uniform in ± their bound, drawn from a seed. Elastic and quasi-static: no viscosity, no friction
+but at the cables' guides.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float
@@ -25,8 +27,8 @@ from softfuse.robot.robot import Robot, build_robot
 from softfuse.robot.settings import RobotSettings
 
 _RIMS, _SECTORS = (0.5, 0.85, 1.0), (4, 8, 12)
-"""Cells of rigid discs, see `functional.pressure_cells.flat_punch`: a coarse mesh cannot tell many apart, and there is
-no equilibrium.
+"""Cells of rigid discs, see `functional.pressure_cells.flat_punch`: a coarse mesh cannot tell many apart, and
+there is no equilibrium.
 """
 
 _FINER, _MOST_MESHES = 1.12, 10
@@ -40,8 +42,9 @@ _NEARER = (1.0, 0.5, 0.25)
 class MakingErrors:
     """Bounds of errors in m, in each direction, and of that of all moduli as a part; the seed of their draw.
 
-    silicone: as which the material stiffens, None: that whose stiffness is nearest; skin [m/Pa]: compliance of what
-    lies between a disc and the body; nodes: so many times the nodes of the drawing's mesh, at least; 0: its mesh.
+    silicone: as which the material stiffens, None: that whose stiffness is nearest; skin [m/Pa]: compliance
+    of what lies between a disc and the body; nodes: so many times the nodes of the drawing's mesh, at least;
+    0: its mesh.
     """
 
     chamber_place: float = 0.3e-3
@@ -84,8 +87,8 @@ class VirtualRobot:
 def virtual_robot(drawn: RobotSettings, errors: MakingErrors = MakingErrors()) -> VirtualRobot:
     """Make the robot.
 
-    Raises ConfigError for parts that do not go together or an unknown silicone, MeshError when errors and drawing do
-    not.
+    Raises ConfigError for parts that do not go together or an unknown silicone, MeshError when errors and
+    drawing do not.
     """
     rng = np.random.default_rng(errors.seed)
     settings = _made(drawn, errors, rng)
@@ -147,8 +150,8 @@ def _finer(settings: RobotSettings, mesh: RobotMesh, times: float) -> tuple[Robo
             return made, found
         shorter *= _FINER
     raise ConfigError(
-        f"{settings.path}: body.source: no mesh with edges {shorter:.2g} times shorter has {times:g} times the "
-        f"{len(mesh.mesh.nodes)} nodes: give shorter edges"
+        f"{settings.path}: body.source: no mesh with edges {shorter:.2g} times shorter has {times:g} times "
+        f"the {len(mesh.mesh.nodes)} nodes: give shorter edges"
     )
 
 

@@ -95,13 +95,12 @@ def _by_place(places: Sequence[int], at: np.ndarray, force: np.ndarray) -> Float
 def _location(study: Study) -> str:
     if not study.columns.slots or any(study.columns.named):
         return ""
-    outlines = chamber_outlines_mm(study.robot)
-    drawn = figures.location_map(study.series(["x_mm", "y_mm"]), study.samples, outlines)
+    drawn = figures.location_map(study.series(["x_mm", "y_mm"]), study.samples, chamber_outlines(study.robot))
     return picture(drawn, "Contacts from above, over the chambers.")
 
 
-def chamber_outlines_mm(robot: Robot) -> list[Float[np.ndarray, "4 2"]]:
-    """The rectangles (4, 2) [mm] around the chambers, from above."""
+def chamber_outlines(robot: Robot) -> list[Float[np.ndarray, "4 2"]]:
+    """The rectangles (4, 2) [mm] around each chamber, seen from above."""
     outlines = []
     for surface in robot.mesh.cavities:
         corners = 1e3 * robot.mesh.mesh.nodes[np.unique(surface.faces[:, :3]), :2]

@@ -290,8 +290,8 @@ class SensorSettings(Settings):
         made: Sequence[int],
         read: Sequence[int],
     ) -> Float[np.ndarray, "m n"]:
-        """Raw readings (m, n) at increasing times (m,) [s] of real parts that one seed decides about, with the noise of
-        another.
+        """Raw readings (m, n) at increasing times (m,) [s] of real parts that one seed decides about, with
+        the noise of another.
         """
         drawn, noise = (np.random.default_rng(np.random.SeedSequence(list(seed))) for seed in (made, read))
         ideal = self.ideal(parts, time_s, values)

@@ -40,6 +40,9 @@ from softfuse.sensors.pneumatic_touch import (
 from softfuse.sensors.reading_drift import DriftModel, ReadingDrift
 from softfuse.sensors.status import Status
 
+_START_S = 2.0
+"""Time at rest after a robot is switched on that nobody watches: enough for zeros to be taken."""
+
 
 class Observation(NamedTuple):
     """One frame of k readings and c contacts."""
@@ -117,9 +120,10 @@ class ContactSlots(eqx.Module):
 
 
 class SuiteState(eqx.Module):
-    """Memory between frames: time [s], of each sensor, of what only gas tells, and the last volumes."""
+    """Memory between frames: time and that of the first frame [s], of each sensor, of what only gas tells, and the last volumes."""
 
     clock: FrameClock
+    begun_s: Float[Array, ""]
     sensors: tuple[Any, ...]
     contacts: tuple[Any, ...]
     pneumatic: PneumaticState
@@ -214,6 +218,7 @@ class SensorSuite(eqx.Module):
         chambers = len(self._chambers)
         return SuiteState(
             clock_init(),
+            jnp.full((), jnp.inf),
             tuple(each.init() for each in self.sensors),
             tuple(each.init() for each in self.contact_sensors),
             pneumatic_init(),
@@ -244,13 +249,17 @@ class SensorSuite(eqx.Module):
             pneumatic = pneumatic_update(self.pneumatic, pneumatic, dt, hint, state.volume, near)
         unseen = pneumatic.touching
         clear = ~_any([~touch.clear for touch in touches]) & ~unseen
+        begun = jnp.minimum(state.begun_s, jnp.where(frame.forward, frame.now_s, jnp.inf))
+        if self.blind:
+            # Where nothing tells of a touch, the body is taken to rest when it is switched on, and not later.
+            clear = clear & ~(frame.now_s - begun > _START_S)
         context = Context(
             near=near | unseen,
             touching=_any([jnp.any(touch.touching) for touch in touches]) | unseen,
             unseen=unseen,
             clear=clear,
             driven=driven,
-            resting=~near & ~unseen & ~driven,
+            resting=clear & ~near & ~driven,
             begun_touched=_any([touch.begun for touch in touches]),
         )
         measured, later = list[Measurement](), list[Any]()
@@ -264,9 +273,14 @@ class SensorSuite(eqx.Module):
             own, found = each.locate(seen, frame, context, _squeezed(volume))
             located.append(own)
             evidence.append(found)
-        return SuiteState(clock, tuple(later), tuple(located), pneumatic, volume), self._observation(
-            frame, context, measured, evidence
-        )
+        memory = SuiteState(clock, begun, tuple(later), tuple(located), pneumatic, volume)
+        return memory, self._observation(frame, context, measured, evidence)
+
+    @property
+    def blind(self) -> bool:
+        """Whether a contact may press of which no sensor and no gas tells, so that only readings can."""
+        gas = any(each.chambers for each in self.sensors)
+        return not gas and any(not contact.seen_by for contact in self.contacts)
 
     @property
     def _missed(self) -> int | None:

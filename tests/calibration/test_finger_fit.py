@@ -10,7 +10,8 @@ import pytest
 from softfuse.calibration.contact_places import ContactPlaces
 from softfuse.calibration.fit import Fit, fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
-from softfuse.robot.file import RobotSettings, load, save_edited
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings, save_edited
 from softfuse.calibration.of_robot import (
     adjustments_of_presses,
     build_adjustments,

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from softfuse.experiment.episodes import Touch
 from softfuse.experiment.pose_cache import Arrays, kept, settings_digest
-from softfuse.experiment.virtual_pad import Touch
 from softfuse.sensors.crossed.field import CrossedLines, FieldSettings
 
 NAMES = frozenset({"force", "volume"})
@@ -120,10 +120,10 @@ def test_a_folder_that_cannot_be_is_done_without(tmp_path: Path, caplog: pytest.
 def test_settings_have_names_of_their_own() -> None:
     lines = CrossedLines((0.0, 1e-3), (0.0, 1e-3), 1e-3, 1.5e-3)
     names = {
-        settings_digest(lines, FieldSettings(), (Touch((0.0, 0.0), (1.0,)),)),
-        settings_digest(lines, FieldSettings(radius=9e-3), (Touch((0.0, 0.0), (1.0,)),)),
-        settings_digest(lines, FieldSettings(), (Touch((0.0, 0.0), (1.0, 2.0)),)),
-        settings_digest(lines, FieldSettings(), (Touch((0.0, 1e-9), (1.0,)),)),
+        settings_digest(lines, FieldSettings(), (Touch("a", ((0.0, 0.0, 0.0),), (1.0,)),)),
+        settings_digest(lines, FieldSettings(radius=9e-3), (Touch("a", ((0.0, 0.0, 0.0),), (1.0,)),)),
+        settings_digest(lines, FieldSettings(), (Touch("a", ((0.0, 0.0, 0.0),), (1.0, 2.0)),)),
+        settings_digest(lines, FieldSettings(), (Touch("a", ((0.0, 1e-9, 0.0),), (1.0,)),)),
     }
     assert len(names) == 4
     assert settings_digest(lines) == settings_digest(CrossedLines((0.0, 1e-3), (0.0, 1e-3), 1e-3, 1.5e-3))

@@ -1,8 +1,9 @@
 """The evaluation of Navarro et al. 2020: the robot of a test bed, and what is done to it.
 
-The robot is made as the config draws it, but not as the estimator's model is (`virtual_robot`): its own mesh, finer
-than that of configs/pad.toml and configs/finger.toml. A pad is pressed by a punch with a skin on a grid of places at
-three forces (Tables I and II); a finger by rigid round tips from the left, with the cable and without (Table III).
+The robot is made as the config draws it, but not as the estimator's model is (`virtual_robot`): its own mesh,
+finer than that of configs/pad.toml and configs/finger.toml. A pad is pressed by a punch with a skin on a grid
+of places at three forces (Tables I and II); a finger by rigid round tips from the left, with the cable and
+without (Table III).
 """
 
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from softfuse.experiment.episodes import Episode, Touch, place_of
 from softfuse.experiment.equilibria import arrays_of, kept_poses
 from softfuse.experiment.paper.pushes import TABLE_III, Push, PushSolver, Steps, equilibria
 from softfuse.experiment.paper.tips import Tips
-from softfuse.experiment.performance import Performance, performance, places_of
+from softfuse.experiment.performance import Performance, places_of
 from softfuse.experiment.pose_cache import Arrays, kept, settings_digest
 from softfuse.experiment.timeline import Timing, frames
 from softfuse.experiment.virtual_robot import MakingErrors, VirtualRobot, virtual_robot
@@ -54,8 +55,8 @@ _FINGER_TIMING = Timing(rest_s=5.0, press_s=1.0, release_s=1.0)
 @dataclass(frozen=True, eq=False)
 class Bed:
     """A test bed: its robot, and each thing done to it, with a name; the first `fitted_to` of them are for
-    calibration. `equilibria`: how many have to be found; `seed`: of everything that is drawn; `pushes`: whether
-    rigid tips push; `played`: all of it, each thing by itself, its equilibria kept in a folder.
+    calibration. `equilibria`: how many have to be found; `seed`: of everything that is drawn; `pushes`:
+    whether rigid tips push; `played`: all of it, each thing by itself, its equilibria kept in a folder.
     """
 
     robot: VirtualRobot

@@ -1,7 +1,7 @@
 """A virtual grid of mutual capacitances, read frame by frame, for the test beds of what finds touches.
 
-The field of `sensors.mutual.field`; then parts that differ, white noise, a drift common to all and one of each cell's
-own (random walks), and the converter's steps.
+The field of `sensors.mutual.field`; then parts that differ, white noise, a drift common to all and one of
+each cell's own (random walks), and the converter's steps.
 """
 
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from softfuse.sensors.mutual.field import MutualField, Thing
 
 @dataclass(frozen=True)
 class CellParts:
-    """Of the cells: counts at rest and by how much they differ, spread of the gains, noise, drift of all and of each
-    after one second.
+    """Of the cells: counts at rest and by how much they differ, spread of the gains, noise, drift of all and
+    of each after one second.
     """
 
     rest_counts: float = 16000.0

@@ -1,4 +1,5 @@
-"""Pushes on a virtual finger: the equilibria that it passes through; material for Table III of Navarro et al. 2020.
+"""Pushes on a virtual finger: the equilibria that it passes through; material for Table III of Navarro et al.
+2020.
 
 A push shortens the cable first, then sets rigid round tips against sides of segments where these are now and
 moves all of them on along straight lines by the same depth, counted for each from its own first contact.
@@ -95,8 +96,8 @@ def equilibria(push: Push, steps: Steps) -> int:
 
 
 class PushSolver:
-    """Equilibria of one virtual finger with one cable under tips that stand for its first contact; a program is
-    compiled for each number of tips.
+    """Equilibria of one virtual finger with one cable under tips that stand for its first contact; a program
+    is compiled for each number of tips.
     """
 
     def __init__(self, robot: VirtualRobot, tips: Tips, steps: Steps) -> None:
@@ -112,8 +113,8 @@ class PushSolver:
         self._solve = eqx.filter_jit(solve)
 
     def poses(self, push: Push, *, solved: Callable[[], None] | None = None) -> Arrays:
-        """The equilibria of a push as `RobotSolver.poses` has them: rest, the way of the cable, the tips before and at
-        first contact, the depths.
+        """The equilibria of a push as `RobotSolver.poses` has them: rest, the way of the cable, the tips
+        before and at first contact, the depths.
 
         `solved` is called after each equilibrium. Raises ConfigError for tips or depths that make no push,
         SolveError when an equilibrium is not found.

@@ -1,4 +1,4 @@
-"""Rigid round tips that push on the sides of a finger's segments (see `mesh.finger`), wherever these are now."""
+"""Rigid round tips that push on the sides of a finger's segments (`mesh.finger`), wherever these are now."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -25,9 +25,9 @@ SIDES: dict[Side, tuple[float, float, float]] = {
 
 @dataclass(frozen=True)
 class Tips:
-    """Where and what the tips are, in m: size of the finger (3,), middles of its segments along x; cylinders of a
-    radius across the segment, twice `half` long, that roll over at most `reach` to each side and meet it at `points`
-    points along x and across; the time for an equilibrium grows with them.
+    """Where and what the tips are, in m: size of the finger (3,), middles of its segments along x; cylinders
+    of a radius across the segment, twice `half` long, that roll over at most `reach` to each side and meet it
+    at `points` points along x and across; the time for an equilibrium grows with them.
     """
 
     size: tuple[float, float, float]
@@ -42,11 +42,11 @@ class Tips:
             raise ConfigError(f"a tip that meets the finger at {self.points} points: give at least (2, 2)")
 
     def middle(self, segment: int, side: Side) -> Float[np.ndarray, "3"]:
-        """The middle (3,) m of a side of a segment at rest; raises ConfigError when there is no such segment."""
+        """The middle (3,) m of a side of a segment at rest; ConfigError when there is no such segment."""
         return self._on_side(segment, side, np.zeros((1, 2)))[0]
 
     def before(self, body: AbstractBody, segment: int, side: Side) -> RigidCylinder:
-        """A tip that rests on the middle of a side of a segment of the body at rest; ConfigError as `middle`."""
+        """A tip that rests on the middle of a side of a segment at rest; ConfigError as `middle`."""
         along, across = (np.linspace(-1.0, 1.0, n) for n in self.points)
         patch = np.array(list(product(self.reach * along, self.half * across)))
         normal = np.array(SIDES[side])
@@ -114,8 +114,9 @@ def patch_of(tip: RigidCylinder, body: AbstractBody, z: Float[np.ndarray, " n"])
 
 
 def passed_through(tip: RigidCylinder, advance: float, patch: Float[np.ndarray, "m 3"]) -> bool:
-    """Whether a tip that has moved on by a way [m] has left points (m, 3) m of the skin behind it that it should have
-    pushed on: the law of contact knows the distance from its axis only, and is content with those behind.
+    """Whether a tip that has moved on by a way [m] has left points (m, 3) m of the skin behind it that it
+    should have pushed on: the law of contact knows the distance from its axis only, and is content with those
+    behind.
     """
     centre = np.asarray(tip.centre) + advance * np.asarray(tip.direction)
     ahead, aside = seen_from(tip, centre, patch)

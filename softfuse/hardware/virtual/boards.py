@@ -1,4 +1,4 @@
-"""Boards that send what the channels of a virtual robot say, and a file of the truth at the times of samples."""
+"""Boards that send what the channels of a virtual robot say, and a file of the truth of their samples."""
 
 import math
 import os
@@ -28,8 +28,8 @@ _FLUSH_ROWS = 50
 
 @dataclass(frozen=True, eq=False)
 class BoardChannels:
-    """The channels of a board: its name, theirs (k,), what they should say (m, k) at times (m,) s, and what their
-    electronics make of that.
+    """The channels of a board: its name, theirs (k,), what they should say (m, k) at times (m,) s, and what
+    their electronics make of that.
     """
 
     name: str
@@ -45,7 +45,8 @@ def boards_of(
     seed: int,
     written: Callable[[Float[np.ndarray, " m"]], None] | None,
 ) -> list[VirtualBoard]:
-    """One board for each part. `written` is called with the times (m,) s of the first one's samples, lost ones too.
+    """One board for each part. `written` is called with the times (m,) s of the first one's samples, lost
+    ones too.
 
     Raises WireError for channels that the protocol does not know, HardwareError for a rate that cannot be.
     """
@@ -93,8 +94,8 @@ class TruthFile:
         marks: frozenset[str],
         start_s: float,
     ) -> None:
-        """truth: columns (m,) at times (m,) s since the start; marks: those of them that are whole numbers; start_s:
-        since the epoch. Raises RecordingError when the file is there already or cannot be made.
+        """truth: columns (m,) at times (m,) s since the start; marks: those of them that are whole numbers;
+        start_s: since the epoch. Raises RecordingError when the file is there already or cannot be made.
         """
         self._path, self._truth, self._start_s = path, truth, start_s
         names = list(truth(np.zeros(1)))

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from made_sensors import electrode_detector, nxp
 
-from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 from softfuse.config.build_attached import build_attached, build_centreline, build_points
 from softfuse.config.build_device import (
     build_device,
