@@ -46,7 +46,7 @@ def matched_contacts(found: Sequence[Tracked], truth: Truth, slots: Sequence[str
         return None
     used = ["xyz".index(axis) for axis in axes]
     rows, missed, misplaced = [], 0, 0
-    for i, true in zip(at, pressed, strict=True):
+    for i, true in zip(at.tolist(), pressed, strict=True):
         now = found[i]
         there = np.flatnonzero(now.touching & np.isfinite(now.location_m).all(axis=1))
         which = _assigned(places[i, true], now.location_m[there][:, used])
