@@ -32,7 +32,8 @@ from typing import Any
 import numpy as np
 from resident import resident_mb
 
-from softfuse.cli.computing import prepare_jax
+from softfuse.computing import prepare_jax
+from softfuse.cli.live_parts import Estimating, estimating
 from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.robot.file import load
 from softfuse.robot.source import SoftfuseSource
@@ -42,14 +43,13 @@ from softfuse.hardware.live.session import Session, SessionReport
 from softfuse.hardware.record.entries import SessionInfo, SourceInfo
 from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.stream import HostClock, Notice
-from softfuse.report.live import LiveEstimates
 
 _STEPS = 20
 Memory = list[tuple[float, float]]
 """Least and most [MB] in each step of the way."""
 
 
-def soak(live: LiveEstimates, url: str, record: Path, frames: int) -> tuple[SessionReport, float, Memory]:
+def soak(parts: Estimating, url: str, record: Path, frames: int) -> tuple[SessionReport, float, Memory]:
     """Run for so many frames: the report, frames per second, memory."""
     clock = HostClock()
     source = SoftfuseSource(driver="softfuse", url=url, baud=115200)
@@ -59,13 +59,13 @@ def soak(live: LiveEstimates, url: str, record: Path, frames: int) -> tuple[Sess
         print(f"{notice.level}: {notice.text}", file=sys.stderr)
 
     info = SessionInfo(
-        channels=live.channels,
-        estimates=live.kinds,
+        channels=parts.channels,
+        estimates=parts.columns,
         sources=(SourceInfo(source.url, source.driver),),
     )
     session = Session(
-        Pipeline(live.channels, [driver]),
-        live,
+        Pipeline(parts.channels, [driver]),
+        parts.follower,
         clock,
         send=lambda source, data: connection.send(data),
         notify=[tell],
@@ -86,10 +86,10 @@ def soak(live: LiveEstimates, url: str, record: Path, frames: int) -> tuple[Sess
     return session.report, rate, [(min(part), max(part)) for part in memory if part]
 
 
-def recorded(live: LiveEstimates, path: Path) -> dict[str, Any]:
+def recorded(parts: Estimating, path: Path) -> dict[str, Any]:
     """What the file holds, and whether its bytes give its frames again."""
     session = read_session(path)
-    pipeline = Pipeline(live.channels, [driver_of(SoftfuseSource(driver="softfuse", url="x", baud=115200))])
+    pipeline = Pipeline(parts.channels, [driver_of(SoftfuseSource(driver="softfuse", url="x", baud=115200))])
     again = (frame for chunk in session.chunks() for frame in pipeline.feed(chunk)[0])
     in_order, identical, count = True, 0, 0
     for entry, frame in zip(session.frames(), again, strict=True):
@@ -115,7 +115,7 @@ def main() -> int:
     parser.add_argument("--rate", default="max")
     arguments = parser.parse_args()
     prepare_jax()
-    live = LiveEstimates.built(load(arguments.config))
+    parts = estimating(load(arguments.config))
     with tempfile.TemporaryDirectory() as folder:
         port, record = Path(folder) / "port", Path(folder) / "session.mcap"
         command = ["softfuse", "virtual-device", str(arguments.config), "--rate", arguments.rate]
@@ -123,10 +123,10 @@ def main() -> int:
         with subprocess.Popen(started, stdout=subprocess.DEVNULL) as device:
             while not port.exists() and device.poll() is None:
                 time.sleep(0.1)
-            report, rate, memory = soak(live, str(port), record, arguments.frames)
+            report, rate, memory = soak(parts, str(port), record, arguments.frames)
             # Not by an interrupt, which what a shell has started in its background does not hear.
             device.terminate()
-        file = recorded(live, record)
+        file = recorded(parts, record)
     samples = report.devices[0].samples
     settled = [least for least, _ in memory[_STEPS // 4 :]]
     numbers = {

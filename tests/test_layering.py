@@ -29,9 +29,10 @@ ALLOWED: dict[str, set[str]] = {
     **{stage: set(LINE) for stage in ENDS},
     "hardware": set(LINE),
     "report": {*LINE, *ENDS, "hardware"},
-    "cli": {*LINE, *ENDS, "hardware", "report"},
+    "cli": {*LINE, *ENDS, "hardware", "report", "computing"},
     "__main__": {"cli"},
     "errors": set(),
+    "computing": set(),
     "": set(),
 }
 """What each folder of softfuse may import besides itself and the errors; "" is softfuse/__init__.py."""

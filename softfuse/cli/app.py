@@ -11,7 +11,7 @@ import typer
 from rich.logging import RichHandler
 
 from softfuse.cli.calibrate import calibrate
-from softfuse.cli.computing import prepare_jax
+from softfuse.computing import prepare_jax
 from softfuse.cli.convert import convert
 from softfuse.cli.design import design
 from softfuse.cli.doctor import doctor
