@@ -201,8 +201,8 @@ def reading_sigma(robot: Robot, held_s: float) -> Float[np.ndarray, " k"]:
         def step(state, now, sensor=sensor):
             time_s, raw, touching = now
             dt = jnp.where(time_s > 0, _STEP_S, 0.0)
-            frame = FrameTime(time_s, dt, jnp.asarray(True), time_s == 0)
             no = jnp.asarray(False)
+            frame = FrameTime(time_s, dt, ~no, no, time_s == 0)
             context = Context(touching, touching, no, ~touching, no, ~touching, no)
             state, measured = sensor.update(state, frame, raw, context)
             return state, measured.sigma
