@@ -112,8 +112,8 @@ class RobotSolver:
         made = robot.made
         self._robot, self._made = robot, made
         body = made.parts.body
-        sees = {sensor.name for sensor in made.suite.contact_sensors}
-        self._seeing = [sensor for sensor in made.settings.sensors if sensor.name in sees]
+        self._sees = {sensor.name: sensor.contact for sensor in made.suite.contact_sensors}
+        self._seeing = [sensor for sensor in made.settings.sensors if sensor.name in self._sees]
         with robot.drawn.told("point"):
             drawn = np.array([point.at for point in robot.drawn.points]).reshape(-1, 3)
             self._points = Carried.of(body, drawn)
@@ -321,13 +321,15 @@ class RobotSolver:
             "held": np.asarray(float(held)),
         }
         for sensor, carried in zip(self._seeing, self._watched, strict=True):
-            seen = [each.seen for each in there if each.contact == sensor.contact]
+            seen = [each.seen for each in there if each.contact == self._sees[sensor.name]]
             pose[f"signal {sensor.name}"] = np.asarray(sensor.signal(made.parts, seen, carried.at(nodes)))
         return pose
 
     def _under(self, touch: Touch) -> "_Skin":
         place = np.array(touch.place)
-        surface = ContactSurface.pressed(np.asarray(self._made.parts.faces), np.asarray(direction_of(place)))
+        surface = ContactSurface.pressed(
+            np.asarray(self._made.parts.faces), np.asarray(direction_of(jnp.asarray(place)))
+        )
         on = surface.land(self._made.parts.body.rest, jnp.asarray(place[:1]))
         return _Skin(*(np.asarray(each[0]) for each in (on.nodes, on.shape, on.slopes)))
 
