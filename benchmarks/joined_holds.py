@@ -19,7 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from softfuse.cli.computing import prepare_jax
-from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 from softfuse.config.build_device import build_device
 from softfuse.experiment.build_evaluation import build_bed
 from softfuse.config.build_tracker import build_tracker

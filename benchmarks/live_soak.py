@@ -34,7 +34,7 @@ from resident import resident_mb
 
 from softfuse.cli.computing import prepare_jax
 from softfuse.cli.live_parts import Estimating, estimating
-from softfuse.cli.sources import connection_of, driver_of
+from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.robot.file import load
 from softfuse.robot.source import SoftfuseSource
 from softfuse.hardware.live.pipeline import Pipeline

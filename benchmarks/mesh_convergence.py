@@ -20,6 +20,7 @@ from pad_meshes import CONFIG, pad_on
 
 from softfuse.robot.file import load
 from softfuse.config.build_device import build_device, with_contact_model
+from softfuse.functional.chart import facing
 from softfuse.mechanics.model import simulate
 
 DATA = CONFIG.parents[1] / "tests" / "data"
@@ -31,7 +32,7 @@ def errors(device, cases: list[dict[str, Any]]) -> list[float]:
     found = []
     for case in cases:
         pressed = with_contact_model(device, case["contact"])
-        at = 1e-3 * jnp.array([[*case["at"], 0.0]])
+        at = facing(1e-3 * np.array([[*case["at"], 0.0]]), (0, 0, -1))
         change = 1e9 * np.asarray(solve(pressed, at, jnp.array([case["force_N"]])))
         true = np.array(case["volume_change_mm3"])
         found.append(float(100 * np.max(np.abs(change - true)) / np.max(np.abs(true))))

@@ -18,19 +18,20 @@ import scipy.optimize
 import scipy.sparse
 import scipy.sparse.linalg
 from jaxtyping import Float, Int
-from sofa_pad import SharedForce
+from sofa_pad import NOWHERE, SharedForce
 
 from softfuse.body.body import Body
 from softfuse.estimation.step import Observation
 from softfuse.functional import Cavity
 from softfuse.mechanics.model import Model
+from softfuse.mechanics.reading import ShapeReading
 
 _CLOSE = 1e-9  # m, as ours
 
 
 def shared_force(device: Model, nodes: Int[np.ndarray, " p"]) -> Model:
     """The device pushed down by a force that nodes (p,) share equally."""
-    return replace(device, contact=SharedForce(jnp.asarray(nodes, jnp.int32)))
+    return replace(device, contacts=(SharedForce(jnp.asarray(nodes, jnp.int32)),))
 
 
 _residual = eqx.filter_jit(lambda body, z: body.residual(z))
@@ -111,9 +112,10 @@ class PaperStep:
     """One force from the volumes of cavities, a step with a new factor for each frame."""
 
     def __init__(self, device: Model):
-        self._body, cavities = device.body, [s for s in device.sensors if isinstance(s, Cavity)]
-        assert isinstance(self._body, Body) and len(cavities) == len(device.sensors)
-        loads = device.loads(jnp.zeros((1, 3)))
+        shapes = [reading.functional for reading in device.readings if isinstance(reading, ShapeReading)]
+        self._body, cavities = device.body, [each for each in shapes if isinstance(each, Cavity)]
+        assert isinstance(self._body, Body) and len(cavities) == len(device.readings)
+        loads = device.loads(NOWHERE)
         self._rows = np.asarray(loads.rows(self._body, jnp.zeros(self._body.n)))
         self._tangent = SparseTangent(self._body)
 

@@ -23,10 +23,10 @@ from live_frames import compilations, latencies, to_and_fro, wait_until_compiled
 
 from softfuse.body.body import Body
 from softfuse.cli.computing import prepare_jax
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device, build_limits, build_step_settings
-from softfuse.robot.reduced import Teacher, build_regions, reduction_mark
-from softfuse.robot.settings import RobotSettings
+from softfuse.config import load
+from softfuse.config.build_device import build_device, build_limits, build_step_settings, electrode_places
+from softfuse.config.build_reduction import Teacher, build_regions, reduction_mark
+from softfuse.config.device import DeviceConfig
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.step import Observation
 from softfuse.mechanics.model import Model, simulate
@@ -49,7 +49,11 @@ def taught(teacher: Teacher, electrode: int, folder: Path) -> tuple[Kept, float]
     charts, began = AtlasFolder(folder, reduction_mark(teacher.config)), time.perf_counter()
     if not charts.has(electrode):
         chart = teacher.chart(electrode)
-        charts.write(electrode, reduced_model(device, teacher.stiffness, chart), chart.basis)
+        charts.write(
+            electrode,
+            reduced_model(device, teacher.stiffness, chart, electrode_places(teacher.config)),
+            chart.basis,
+        )
     taken = time.perf_counter() - began
     file = charts.file(electrode)
     return read_device(file, charts.mark, device, kept_sizes(file, charts.mark)), taken
@@ -58,9 +62,9 @@ def taught(teacher: Teacher, electrode: int, folder: Path) -> tuple[Kept, float]
 def drives(teacher: Teacher, electrode: int, largest_force: float, cases: int) -> np.ndarray:
     """Random drives (c, D) of all patches, up to a force [N] in all, and of the cable."""
     random, device, tension = np.random.default_rng(11), teacher.device, teacher.config.reduction.tension
-    patches = device.contact.drives
+    patches, place = device.contacts[0].drives, electrode_places(teacher.config)[[electrode]]
     assert tension is not None
-    found = np.tile(np.asarray(device.rest_state(jnp.array([electrode])).drive), (cases, 1))
+    found = np.tile(np.asarray(device.rest_state(place).drive), (cases, 1))
     share = random.dirichlet(np.ones(patches), cases)
     found[:, :patches] = share * random.uniform(0, largest_force, (cases, 1))
     found[:, patches] = random.uniform(0, tension, cases)
@@ -132,7 +136,7 @@ def frame_times(
             taken.append((estimated - began, time.perf_counter() - estimated))
             renewed, lost = renewed + found.renewed, lost + found.lost
             if k and k % PER_LOAD == 0:
-                cable = kept.device.contact.drives
+                cable = kept.device.contacts[0].drives
                 off.append(abs(found.drive[cable] - wanted[k // PER_LOAD - 1, cable]))
     return {
         **latencies(taken),
@@ -153,7 +157,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=20_000)
     given = parser.parse_args()
     config = load(CONFIG)
-    device, place = build_device(config), jnp.array([given.electrode])
+    device, place = build_device(config), jnp.asarray(electrode_places(config)[[given.electrode]])
     assert isinstance(device.body, Body)
     teacher = Teacher(config, device, rest_stiffness(device.body), build_regions(config))
     kept, taken = taught(teacher, given.electrode, given.out / "finger_charts")

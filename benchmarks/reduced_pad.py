@@ -32,6 +32,7 @@ from softfuse.robot.settings import RobotSettings
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_estimator import MOST_TRUNCATION, ReducedEstimator
 from softfuse.estimation.step import Observation
+from softfuse.functional.chart import facing
 from softfuse.hardware.recording import read_recording
 from softfuse.mechanics.model import Model, simulate
 from softfuse.rom.atlas import Atlas
@@ -51,7 +52,7 @@ def errors(device: Model, atlas: Atlas, cases: int, largest: float) -> dict[str,
     cells = atlas.regions
     assert isinstance(cells, Cells)
     for _ in range(cases):
-        place = np.append(random.uniform(cells.low, cells.high), 0.0)
+        place = facing(np.append(random.uniform(cells.low, cells.high), 0.0), cells.direction)
         drive = jnp.array([random.uniform(0.02 * largest, largest)])
         number = cells.find(place)
         assert number is not None
@@ -73,13 +74,14 @@ def errors(device: Model, atlas: Atlas, cases: int, largest: float) -> dict[str,
 
 
 def wandering(cells: Cells, frames: int, largest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Places (f, 3) m and forces (f,) N: through the workspace on a winding path."""
+    """Places (f, 3, 3) and forces (f,) N: through the workspace on a winding path."""
     length = PER_FRAME_M * np.arange(frames)
     low, high = np.array(cells.low), np.array(cells.high)
     middle, half = (low + high) / 2, (high - low) / 2
     x = middle[0] + 0.95 * half[0] * np.sin(length / 0.031)
     y = middle[1] + 0.95 * half[1] * np.sin(length / 0.043 + 1.0)
-    return np.stack([x, y, 0 * x], axis=1), largest * (0.3 + 0.2 * np.sin(length / 0.012))
+    places = facing(np.stack([x, y, 0 * x], axis=1), cells.direction)
+    return places, largest * (0.3 + 0.2 * np.sin(length / 0.012))
 
 
 def frame_times(device: Model, atlas: Atlas, config: RobotSettings, frames: int) -> dict[str, object]:
@@ -97,12 +99,12 @@ def frame_times(device: Model, atlas: Atlas, config: RobotSettings, frames: int)
     ]
     number = np.arange(len(places))
     readings = np.stack([np.interp(number, number[::every], each) for each in np.transpose(solved)], axis=1)
-    limits, none = build_limits(config, 1), jnp.zeros((1, 3))
+    limits, none = build_limits(config, 1), jnp.asarray(places[:1])
     whitening = 1e9 * np.eye(readings.shape[1])
     path = [Observation.on_host(r, whitening, p[None]) for r, p in zip(readings, places, strict=True)]
     full, small = Estimator(device, limits, none), ReducedEstimator(atlas, limits, none)
-    outside = np.append(np.array(cells.high) + APART_M, 0.0)
-    for place in (*(cells[number].centre for number in range(len(cells))), outside):
+    outside = facing(np.append(np.array(cells.high) + APART_M, 0.0), cells.direction)
+    for place in (*(cells[number].at(np.zeros(2)) for number in range(len(cells))), outside):
         # As after some seconds of running: all charts are read, and at last the full body is waited for.
         small.update(path[0]._replace(places=place[None]))
     small.reset()

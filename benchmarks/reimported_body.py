@@ -18,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from softfuse.cli.computing import prepare_jax
-from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 from softfuse.robot.body import SurfaceSource
 from softfuse.design.of_robot import build_places
 from softfuse.config.build_device import build_device

@@ -26,7 +26,7 @@ from jaxtyping import Array, Float
 from softfuse.body import LINEAR, Body
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation, exact_steps
-from softfuse.functional import Marker, uniform
+from softfuse.functional import Marker
 from softfuse.functional.cable import guide_forces, length
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.material import Corotational, lame_constants
@@ -34,8 +34,7 @@ from softfuse.mechanics import RESULTS, Loads, Newton, State, solve
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.model import Model
-from softfuse.mechanics.patch import PatchContact
-from softfuse.mesh.surface import boundary_faces
+from softfuse.mechanics.reading import AnswerReading, ShapeReading
 from softfuse.mesh.tetmesh import tet_mesh
 
 YOUNG, POISSON = 600e3, 0.3
@@ -193,15 +192,12 @@ def inverse_with_our_energy(finger: Reference, tip: int) -> tuple[float, float, 
     """Shortening [m], tension [N] and distance [m] from SOFA's tip, by the estimator's own steps."""
     body = our_body(finger)
     cable = PulledCable.through(body, finger.guides, finger.pulled_at)
-    sensors = (Marker.of(body, finger.nodes[tip]),)
-    faces = boundary_faces(tet_mesh(finger.nodes, finger.tets)).faces
-    inwards = np.array([[0.0, 0.0, 1.0]])
-    nothing = PatchContact.on(faces, np.zeros((1, 1, 3)), inwards, uniform(rings=1, angles=4), 1e-3)
-    device = Model(body, sensors, nothing, Dense.plan(body), (cable,), gauges=(0,))
+    markers = (Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
+    readings = (*map(ShapeReading, markers), AnswerReading((0,)))
+    device = Model(body, readings, (), Dense.plan(body), (cable,))
     limits = Limits(jnp.zeros(1), jnp.full(1, 5.0), jnp.zeros(1), motion=jnp.array(5e-3))
-    target = Observation(
-        jnp.append(finger.u[tip], 0.0), jnp.diag(jnp.array([1e3] * 3 + [0.0])), jnp.zeros(0, int)
-    )
+    whitening = jnp.diag(jnp.array([1e3] * 3 + [0.0]))
+    target = Observation(jnp.append(finger.u[tip], 0.0), whitening, jnp.zeros((0, 3, 3)))
     rest = device.rest_state(target.places)
     state, report = eqx.filter_jit(exact_steps)(device, limits, rest, target, steps=INVERSE_STEPS)
     off = float(jnp.linalg.norm(report.misfit[:3]))

@@ -29,6 +29,7 @@ from softfuse.material import Corotational
 from softfuse.mechanics import LinearPorts, Multifrontal, PrescribedForce
 from softfuse.mechanics.load import AbstractContact
 from softfuse.mechanics.model import Model, simulate
+from softfuse.mechanics.reading import ShapeReading
 from softfuse.mesh.surface import cavities
 from softfuse.mesh.tetmesh import tet_mesh
 
@@ -36,6 +37,8 @@ MESHES = Path(__file__).parents[1] / "tests" / "data" / "sofa_pad.npz"
 CENTRES_MM = np.array([[16.0, 16.0, 10.0], [-16.0, 16.0, 10.0], [-16.0, -16.0, 10.0], [16.0, -16.0, 10.0]])
 SOFA_MS = {"pad_s": 9.5, "pad_m": 66.0, "pad_l": 506.0}
 PEAK_N = 5.0
+NOWHERE = np.zeros((1, 3, 3))
+"""The only place."""
 
 
 class SharedForce(AbstractContact):
@@ -44,9 +47,9 @@ class SharedForce(AbstractContact):
     pressed: Int[Array, " p"]
 
     @property
-    def drives(self):
-        """The force [N]."""
-        return 1
+    def arms(self):
+        """The force, at the place."""
+        return jnp.zeros(1)
 
     def load(self, body, place):
         """The force as a load."""
@@ -64,13 +67,14 @@ def sofa_pad(name: str) -> Model:
     fixed = np.zeros(len(nodes), bool)
     fixed[bottom.astype(np.int64)] = True
     body = Body.from_mesh(mesh, [Corotational.from_young(100e3, 0.45)], fixed, element=LINEAR)
-    walls = tuple(Cavity(jnp.asarray(part.faces)) for part in cavities(mesh, 1e-3 * CENTRES_MM))
-    return Model(body, walls, SharedForce(jnp.asarray(press, jnp.int32)), Multifrontal.plan(body))
+    walls = (Cavity(jnp.asarray(part.faces)) for part in cavities(mesh, 1e-3 * CENTRES_MM))
+    pressed = SharedForce(jnp.asarray(press, jnp.int32))
+    return Model(body, tuple(map(ShapeReading, walls)), (pressed,), Multifrontal.plan(body))
 
 
 def readings(device: Model, force: Float[np.ndarray, " f"]) -> Float[np.ndarray, "f k"]:
     """Volume changes (f, k) [m³] under forces (f,) [N], between six equilibria."""
-    solve = eqx.filter_jit(lambda d, f: d.reading(simulate(d, jnp.zeros((1, 3)), f[None]).state))
+    solve = eqx.filter_jit(lambda d, f: d.reading(simulate(d, NOWHERE, f[None]).state))
     levels = np.linspace(0.0, PEAK_N, 6)
     volumes = np.array([np.asarray(solve(device, jnp.asarray(level))) for level in levels])
     return np.stack([np.interp(force, levels, column) for column in volumes.T], axis=1)
@@ -80,11 +84,12 @@ def measure(name: str, frames: int) -> dict[str, float]:
     """One row of the benchmark."""
     device = sofa_pad(name)
     limits = Limits(jnp.zeros(1), jnp.full(1, 50.0), jnp.zeros(1))
-    estimator = Estimator(device, limits, jnp.zeros((1, 3)))
+    estimator = Estimator(device, limits, jnp.asarray(NOWHERE))
     force = PEAK_N * np.abs(np.interp(np.arange(frames), [0, frames / 2, frames], [0, 1, 0]))
-    whitening = 1e9 * jnp.eye(device.readings)
+    whitening = 1e9 * jnp.eye(device.n_readings)
     seen = [
-        Observation(jnp.asarray(reading), whitening, jnp.zeros((1, 3))) for reading in readings(device, force)
+        Observation(jnp.asarray(reading), whitening, jnp.asarray(NOWHERE))
+        for reading in readings(device, force)
     ]
     for each in seen[:3]:
         estimator.update(each)

@@ -13,10 +13,11 @@ from live_frames import compilations
 from pad_meshes import pad_on
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from softfuse.robot.file import RobotSettings
+from softfuse.robot.settings import RobotSettings
 from softfuse.config.build_device import build_device, build_limits
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
+from softfuse.functional.chart import facing, moved
 from softfuse.mechanics.model import Model, simulate
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -27,7 +28,8 @@ MESHES = {
     10467: ("8 mm", "10 mm", "3 mm"),
 }
 """surface_size, base_size and fine_depth of the meshes, by how many nodes they have."""
-PLACES = np.array([[10e-3, -6e-3, 0.0], [-17e-3, 17e-3, 0.0], [17e-3, 17e-3, 0.0], [-14e-3, -14e-3, 0.0]])
+PRESSED_AT = [[10e-3, -6e-3, 0.0], [-17e-3, 17e-3, 0.0], [17e-3, 17e-3, 0.0], [-14e-3, -14e-3, 0.0]]
+PLACES = facing(np.array(PRESSED_AT), (0, 0, -1))
 PEAK_N = 10.0
 
 
@@ -62,7 +64,7 @@ def press(
 ) -> list[Observation]:
     """Frames of contacts that press up to the peak and stay, jittering by 0.05 mm as located ones do.
 
-    The peak is shared by the contacts, at the first of the places, or at one `place` (3,) m.
+    The peak is shared by the contacts, at the first of the places, or at one `place` (3, 3).
     """
     places = PLACES[:contacts] if place is None else place[None]
     levels = np.linspace(0.0, PEAK_N / contacts, 6)
@@ -70,9 +72,11 @@ def press(
     read = np.array([np.asarray(_read(device, at, jnp.full(contacts, level))) for level in levels])
     force = np.minimum(np.linspace(0.0, 1.25, frames), 1.0) * levels[-1]
     readings = np.stack([np.interp(force, levels, column) for column in read.T], axis=1)
-    jitter = np.random.default_rng(seed).normal(0.0, 0.05e-3, (frames, contacts, 3)) * [1.0, 1.0, 0.0]
+    jitter = np.random.default_rng(seed).normal(0.0, 0.05e-3, (frames, contacts, 3))[..., :2]
     whitening = 1e9 * np.eye(readings.shape[1])
-    return [Observation.on_host(r, whitening, places + j) for r, j in zip(readings, jitter, strict=True)]
+    return [
+        Observation.on_host(r, whitening, moved(places, j)) for r, j in zip(readings, jitter, strict=True)
+    ]
 
 
 def time_frames(benchmark: BenchmarkFixture, update: Callable, frames: Sequence, **said: object) -> None:

@@ -26,7 +26,8 @@ import numpy as np
 
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
 from softfuse.cli.computing import prepare_jax
-from softfuse.robot.file import RobotSettings, load, save_edited
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings, save_edited
 from softfuse.config.build_device import build_device
 from softfuse.experiment.build_evaluation import build_bed
 from softfuse.config.build_tracker import build_tracker
@@ -41,6 +42,7 @@ from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadTouches
 from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_pad import virtual_pad
+from softfuse.functional.chart import facing
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.newton import Newton, solve
@@ -66,7 +68,7 @@ class Bed:
         """Two punches at (2, 2) m that come down, press and lift together; `force` is that of both."""
         pad, grid = self._pad, self._plan.array
         assert isinstance(grid, GridElectrodes)
-        places = [jnp.array([*each, 0.0]) for each in at]
+        places = jnp.asarray(facing(np.column_stack([at, np.zeros(2)]), (0, 0, -1)))
         loads = Loads(tuple(pad.contact.load(pad.body, place) for place in places))
         state, volume = State.rest(pad.body, loads), [np.zeros(len(pad.cavities))]
         for share in SHARES[1:]:
@@ -227,13 +229,13 @@ class Placed:
 
 def placed(sensed: Sensed, at: np.ndarray, sigma: float) -> Sensed:
     """What the sensors say, with both contacts at (2, 2) m, known to sigma [m]."""
-    places, both = np.column_stack([at, np.zeros(2)]), np.ones(2, bool)
+    middles, both = np.column_stack([at, np.zeros(2)]), np.ones(2, bool)
     return sensed._replace(
         touching=both,
         pressing=both,
         clear=np.array(False),
-        places=places,
-        location_m=places,
+        places=facing(middles, (0, 0, -1)),
+        location_m=middles,
         location_sigma_m=np.full((2, 2), sigma),
     )
 

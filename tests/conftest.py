@@ -20,7 +20,6 @@ from made_sensors import mutual_model
 from softfuse.body import LINEAR, TAYLOR_HOOD, Body, mesh_for
 from softfuse.body.element import Element
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
-from softfuse.experiment.mutual_field import Thing
 from softfuse.report.mutual_figures import image_of
 from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.functional import Cavity
@@ -32,6 +31,7 @@ from softfuse.mechanics.linear_solver import AbstractLinearSolver
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.reading import ShapeReading
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
 from softfuse.sensors.mutual.field import Thing
@@ -98,8 +98,9 @@ def two_cavity_device(element: Element, solver: type[AbstractLinearSolver], pois
     faces = outer_surface(mesh).faces
     surface = ContactSurface.facing(faces, mesh.nodes, np.array([0.0, 0.0, -1.0]))
     contact = Contact(surface, flat_punch((0.7, 1.0), (3, 6)), jnp.zeros(3), jnp.asarray(8 * MM))
-    inner = tuple(Cavity(jnp.asarray(s.faces)) for s in cavities(mesh, geometry.centres()))
-    return Model(body, inner, PunchContact(contact), solver.plan(body))
+    inner = (Cavity(jnp.asarray(s.faces)) for s in cavities(mesh, geometry.centres()))
+    readings = tuple(ShapeReading(cavity) for cavity in inner)
+    return Model(body, readings, (PunchContact(contact),), solver.plan(body))
 
 
 @pytest.fixture(scope="session")

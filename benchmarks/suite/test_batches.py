@@ -9,6 +9,7 @@ from suite_pads import PLACES, pad
 from softfuse.robot.reduced import Teacher, build_regions
 from softfuse.estimation.batch import batched
 from softfuse.estimation.step import Observation, exact_steps
+from softfuse.functional.chart import moved
 from softfuse.mechanics.model import Model, simulate
 from softfuse.rom.cells import Cells
 from softfuse.rom.reduced_model import reduced_model
@@ -21,7 +22,7 @@ AT_ONCE = {"reduced": 64, "full": 4}
 REGIONS = build_regions(pad(NODES).config)
 NUMBER = REGIONS.find(PLACES[0])
 assert isinstance(REGIONS, Cells) and NUMBER is not None
-CENTRE = REGIONS[NUMBER].centre
+CENTRE = REGIONS[NUMBER].at(np.zeros(2))
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +31,7 @@ def devices() -> dict[str, Model]:
     full = pad(NODES).device
     stiffness = rest_stiffness(full.body)
     chart = Teacher(pad(NODES).config, full, stiffness, REGIONS).chart(NUMBER)
-    return {"full": full, "reduced": reduced_model(full, stiffness, chart)}
+    return {"full": full, "reduced": reduced_model(full, stiffness, chart, np.zeros((0, 3, 3)))}
 
 
 def _estimate(shared, seen):
@@ -49,7 +50,7 @@ def _read(device, at):
 @pytest.mark.parametrize("what", ["estimates", "equilibria"])
 def test_batch(benchmark, devices: dict[str, Model], body: str, count: int, what: str) -> None:
     device, random = devices[body], np.random.default_rng(3)
-    places = jnp.asarray(CENTRE + random.uniform(-1e-3, 1e-3, (count, 1, 3)) * [1.0, 1.0, 0.0])
+    places = jnp.asarray(moved(CENTRE, random.uniform(-1e-3, 1e-3, (count, 1, 3))[..., :2]))
     forces = jnp.asarray(random.uniform(2.0, 6.0, (count, 1)))
     read = batched(_read, devices["reduced"], (places, forces))
     if what == "equilibria":

@@ -13,9 +13,9 @@ import pytest
 from live_frames import wait_until_compiled
 from suite_pads import CONFIGS, MESHES, PLACES, megabytes, pad, press, time_frames
 
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device, build_limits, build_step_settings
-from softfuse.robot.reduced import Teacher, build_regions
+from softfuse.config import load
+from softfuse.config.build_device import build_device, build_limits, build_step_settings, electrode_places
+from softfuse.config.build_reduction import Teacher, build_regions
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.step import Observation, exact_steps
 from softfuse.mechanics.model import simulate
@@ -58,11 +58,11 @@ def test_reduced_step(benchmark, nodes: int) -> None:
     number = regions.find(PLACES[0])
     assert number is not None
     # Where the chart is good: not at the edge of its cell, which the contact would leave.
-    frames = press(device, 1, 10 * FRAMES, place=regions[number].centre)
+    frames = press(device, 1, 10 * FRAMES, place=regions[number].at(np.zeros(2)))
     started = time.perf_counter()
     chart = Teacher(config, device, stiffness, regions).chart(number)
     teaching = time.perf_counter() - started
-    small = reduced_model(device, stiffness, chart)
+    small = reduced_model(device, stiffness, chart, np.zeros((0, 3, 3)))
     said = {"nodes": nodes, "unknowns": small.body.n, "teaching_s": teaching}
     _time_estimates(benchmark, small, pad(nodes).limits(), frames, **said)
 
@@ -70,10 +70,10 @@ def test_reduced_step(benchmark, nodes: int) -> None:
 def test_full_step_of_the_finger(benchmark) -> None:
     config = load(CONFIGS / "finger.toml")
     device, limits = build_device(config), build_limits(config, 1)
-    place = jnp.array([7])
+    place = jnp.asarray(electrode_places(config)[[7]])
     drive = device.rest_state(place).drive.at[2].set(2.0).at[0].set(0.5)
     state = simulate(device, place, drive).state
-    reading, whitening = np.asarray(device.reading(state)), 0.1 * np.eye(device.readings)
+    reading, whitening = np.asarray(device.reading(state)), 0.1 * np.eye(device.n_readings)
     whitening[0, 0] = 2e4
     ramp = np.minimum(np.linspace(0.0, 1.25, 40), 1.0)
     frames = [Observation.on_host(share * reading, whitening, np.asarray(place)) for share in ramp]
@@ -89,7 +89,7 @@ def test_exact_step(benchmark, nodes: int, what: str) -> None:
     """
     device, place = pad(nodes).device, jnp.asarray(PLACES[:1])
     before, now = (simulate(device, place, jnp.array([force])).state for force in (5.0, 5.5))
-    seen = Observation(device.reading(now), 1e9 * jnp.eye(device.readings), place)
+    seen = Observation(device.reading(now), 1e9 * jnp.eye(device.n_readings), place)
     inputs, rest = eqx.partition((device, pad(nodes).limits(), before, seen), eqx.is_inexact_array)
     indices, static = eqx.partition(rest, eqx.is_array)
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import peers
 import pytest
-from sofa_pad import SOFA_MS, readings, sofa_pad
+from sofa_pad import NOWHERE, SOFA_MS, readings, sofa_pad
 from suite_pads import MESHES, PLACES, pad
 
 from softfuse.estimation.estimator import Estimator
@@ -25,14 +25,14 @@ def _pushed(nodes: int):
     """The pad under a force shared by the nodes of its top around the first place."""
     device = pad(nodes).device
     rest = np.asarray(device.body.rest)
-    near = np.linalg.norm(rest[:, :2] - PLACES[0, :2], axis=1) < RADIUS_M
+    near = np.linalg.norm(rest[:, :2] - PLACES[0, 0, :2], axis=1) < RADIUS_M
     return peers.shared_force(device, np.flatnonzero(near & (rest[:, 2] > rest[:, 2].max() - 1e-6)))
 
 
 @pytest.mark.parametrize("way, nodes", WAYS)
 def test_equilibrium(benchmark, way: str, nodes: int) -> None:
     """All to the same residual; the others take the increments of force that ours find they need."""
-    device, none, force = _pushed(nodes), jnp.zeros((1, 3)), jnp.array([FORCE_N])
+    device, none, force = _pushed(nodes), NOWHERE, jnp.array([FORCE_N])
     exact = simulate(device, none, force)
     push = np.asarray(device.loads(none).rows(device.body, jnp.zeros(device.body.n)) @ force)
     if way == "ours":
@@ -59,11 +59,11 @@ def test_linear_tet_step(benchmark, mesh: str, way: str) -> None:
     """One force from four volumes, on linear corotational tets, rising and falling."""
     device, frames = sofa_pad(mesh), 60
     force = 5.0 * np.abs(np.interp(np.arange(frames), [0, frames / 2, frames], [0, 1, 0]))
-    whitening = 1e9 * np.eye(device.readings)
-    seen = [Observation.on_host(each, whitening, np.zeros((1, 3))) for each in readings(device, force)]
+    whitening = 1e9 * np.eye(device.n_readings)
+    seen = [Observation.on_host(each, whitening, NOWHERE) for each in readings(device, force)]
     if way == "ours":
         limits = Limits(jnp.zeros(1), jnp.full(1, 50.0), jnp.zeros(1))
-        follow = Estimator(device, limits, jnp.zeros((1, 3)))
+        follow = Estimator(device, limits, jnp.asarray(NOWHERE))
     else:
         follow = peers.PaperStep(device)
     for each in seen:

@@ -23,15 +23,16 @@ _WRITTEN_OUT = 3  # columns
 class AbstractBody(eqx.Module):
     """A body in equilibrium under what pushes its nodes.
 
-    `rest` (k, 3) [m] and `tets` (e, a): its mesh, of `element`s; `factors` (e,) [-]: how many
-    times as stiff as its material each element is, None: all just as stiff; `pressure_unit` [Pa]: a typical
-    stiffness of its materials; `n`: number of unknowns.
+    `rest` (k, 3) [m] and `tets` (e, a): its mesh, of `element`s; `factors` (e,) [-]: how many times as stiff as
+    its material each element is, None: all just as stiff; `weight` (n,): gravity's work per unit of each
+    unknown; `pressure_unit` [Pa]: a typical stiffness of its materials; `n`: number of unknowns.
     """
 
     rest: eqx.AbstractVar[Float[Array, "k 3"]]
     tets: eqx.AbstractVar[Int[Array, "e a"]]
     element: eqx.AbstractVar[Element]
     factors: eqx.AbstractVar[Float[Array, " e"] | None]
+    weight: eqx.AbstractVar[Float[Array, " n"]]
     pressure_unit: eqx.AbstractVar[Float[Array, ""]]
     n: eqx.AbstractVar[int]
 
@@ -61,6 +62,25 @@ class AbstractBody(eqx.Module):
     @abstractmethod
     def element_tangents(self, z: Float[Array, " n"]) -> Float[Array, "e d d"]:
         """Second derivatives (e, d, d) of L's parts, in the order of `element_unknowns`."""
+
+    def tangents_after(self, z: Float[Array, " n"], step: Float[Array, " n"]) -> Float[Array, "e d d"]:
+        """The `element_tangents` for the next step of Newton's method after a `step` (n,) to z, where a body
+        knows better ones than those at z.
+        """
+        del step
+        return self.element_tangents(z)
+
+    @property
+    @abstractmethod
+    def inertia(self) -> Float[Array, "e d d"]:
+        """Mass matrices (e, d, d) at a density of 1, in the order of `element_unknowns`: a norm of motions in
+        which no rotation is stiff.
+        """
+
+    @property
+    @abstractmethod
+    def signs(self) -> Float[Array, " n"]:
+        """1 for unknowns that move the body, −1 for pressures (n,): the signs of a stable body's tangent."""
 
     @abstractmethod
     def weight_resultant(self, z: Float[Array, " n"]) -> Float[Array, "6"]:

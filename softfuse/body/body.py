@@ -220,6 +220,27 @@ class Body(AbstractBody):
         first = masses @ (self.rest + self.displacement(z))
         return jnp.concatenate([jnp.sum(masses) * self.gravity, jnp.cross(first, self.gravity)])
 
+    def tangents_after(self, z: Float[Array, " n"], step: Float[Array, " n"]) -> Float[Array, "e d d"]:
+        """The same for the stresses that were expected of the last step (n,): see `Region.expecting`."""
+        padded, step = _with_held(z), _with_held(step)
+        parts = [region.expecting(padded, step).tangents(padded) for region in self.regions()]
+        return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+
+    @property
+    def inertia(self) -> Float[Array, "e d d"]:
+        """∫ N_a N_b dV (e, d, d) [m³] of every element, 0 for pressures."""
+        values = jnp.asarray(self.element.values)
+        shared = jnp.einsum("qe,qa,qb->eab", self.volumes, values, values)
+        blocks = jnp.einsum("eab,ij->eaibj", shared, jnp.eye(3))
+        moving, held = 3 * self.element.nodes, self.element.pressures
+        blocks = blocks.reshape(-1, moving, moving)
+        return jnp.pad(blocks, ((0, 0), (0, held), (0, held)))
+
+    @property
+    def signs(self) -> Float[Array, " n"]:
+        """1 for displacements, −1 for pressures (n,)."""
+        return jnp.where(jnp.arange(self.n) < self.n_displacements, 1.0, -1.0)
+
     def stiffened(
         self,
         tangents: Float[Array, "e d d"],

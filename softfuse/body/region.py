@@ -21,7 +21,7 @@ from jaxtyping import Array, Float, Int
 
 from softfuse.body.element import Element
 from softfuse.material.base import AbstractMaterial
-from softfuse.material.components import Tensor
+from softfuse.material.components import Tensor, cofactor, contraction, determinant
 
 Slopes = tuple[Float[Array, "3 q e"], Float[Array, "3 q e"], Float[Array, "3 q e"]]
 """Of each component i of a nodal vector field: its slopes along ξ, [m] (3, q, e)."""
@@ -30,6 +30,9 @@ Slopes = tuple[Float[Array, "3 q e"], Float[Array, "3 q e"], Float[Array, "3 q e
 class Region(NamedTuple):
     """One material's elements: B (3, 3, q, e) [m²], w (q, e) [m³], the unknowns of their displacements
     (3, a, e) and pressures (c, e), and how many times as stiff each is (e,), None: all just as stiff.
+
+    `excess` (q, e) [Pa]: a second Piola-Kirchhoff stress that tangents have beyond that of the strain, see
+    `expecting`.
     """
 
     element: Element
@@ -40,6 +43,7 @@ class Region(NamedTuple):
     pressures: Int[Array, "c e"]
     pressure_unit: Float[Array, ""]
     factors: Float[Array, " e"] | None
+    excess: Tensor | None = None
 
     def strains(self, z: Float[Array, " n_plus_1"]) -> tuple[Slopes, Float[Array, "q e"]]:
         """Natural slopes [m] and pressures [Pa] of unknowns followed by a 0 for those that are held."""
@@ -68,11 +72,33 @@ class Region(NamedTuple):
     def density(self, f: Tensor, pressure: Float[Array, "q e"]) -> Float[Array, "q e"]:
         """The element's density [J/m³] at the quadrature points."""
         if self.factors is None:
-            return self._of_material(f, pressure)
-        return self.factors * self._of_material(f, pressure / self.factors)
+            density = self._of_material(f, pressure)
+        else:
+            density = self.factors * self._of_material(f, pressure / self.factors)
+        return density if self.excess is None else density + 0.5 * contraction(self.excess, _gram(f, f))
 
     def _of_material(self, f: Tensor, pressure: Float[Array, "q e"]) -> Float[Array, "q e"]:
         return self.element.density(*self.material.measures(f), self.material.lame, pressure)
+
+    def expecting(self, z: Float[Array, " n_plus_1"], step: Float[Array, " n_plus_1"]) -> "Region":
+        """The elements at z with the stress S that their tangent at z − step expected of the step.
+
+        A step that turns a slender body stretches it, which a linear S does not see: Newton's method with
+        S as an unknown of its own, of which no more is left than its excess over S(z), is not led astray by
+        that stretch. Source: Magisano, Leonetti and Garcea, Comput. Methods Appl. Mech. Eng. 313 (2017) 934.
+        """
+
+        def stress(z):
+            slopes, pressure = self.strains(z)
+            f = self.deformation(slopes)
+            first = jax.grad(lambda f: jnp.sum(self.density(f, pressure)))(f)
+            pulled, volume = _gram(cofactor(f), first), determinant(f)
+            return tuple(tuple(entry / volume for entry in row) for row in pulled)
+
+        expected = jax.tree.map(jnp.add, *jax.jvp(stress, (z - step,), (step,)))
+        excess = jax.tree.map(jnp.subtract, expected, stress(z))
+        # Or XLA computes it anew for every column of the tangents.
+        return self._replace(excess=jax.lax.optimization_barrier(excess))
 
     def energy(self, z: Float[Array, " n_plus_1"]) -> Float[Array, ""]:
         """Σ_e Σ_q w density [J]."""
@@ -138,6 +164,16 @@ class Region(NamedTuple):
         side = self.pressure_unit * jnp.stack(coupling, 2).reshape(elements, 3 * a, c)
         upper = jnp.concatenate([stiffness, side], 2)
         return jnp.concatenate([upper, jnp.concatenate([side.swapaxes(1, 2), lower], 2)], 1)
+
+
+def _gram(s: Tensor, t: Tensor) -> Tensor:
+    """Sᵀ T."""
+
+    def row(i: int) -> tuple[Array, Array, Array]:
+        a, b, c = (sum((s[k][i] * t[k][j] for k in (1, 2)), s[0][i] * t[0][j]) for j in range(3))
+        return a, b, c
+
+    return row(0), row(1), row(2)
 
 
 def natural_slopes(element: Element) -> Float[np.ndarray, "m a"]:

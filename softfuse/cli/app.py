@@ -5,7 +5,7 @@ Exit codes: 0 done, 1 a fault of softfuse itself, 2 a mistake in what the user g
 
 import logging
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 from rich.logging import RichHandler
@@ -62,9 +62,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         app(arguments)
     except SoftfuseError as error:
-        for line in str(error).split("\n"):
-            stderr.print(f"error: {printable(line)}", markup=False, highlight=False, soft_wrap=True)
-        raise SystemExit(2) from None
+        _tell(str(error))
+    except OSError as error:
+        # What could not be read or written and was not foreseen: a disk that is full, a folder that has gone.
+        _tell(f"{error.filename or 'a file'} cannot be read or written: {error.strerror or error}")
+
+
+def _tell(told: str) -> NoReturn:
+    for line in told.split("\n"):
+        stderr.print(f"error: {printable(line)}", markup=False, highlight=False, soft_wrap=True)
+    raise SystemExit(2) from None
 
 
 def _print_version(wanted: bool) -> None:

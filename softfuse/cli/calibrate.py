@@ -6,10 +6,10 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Quiet, busy, counted, stdout
-from softfuse.hardware.recording import read_recording
+from softfuse.cli.terminal import Quiet, busy, counted, out_file, stdout
 from softfuse.report.calibrated import calibrated_robot, check_out
 from softfuse.report.calibration import tell
+from softfuse.report.recorded import read_sensors
 from softfuse.robot.file import load
 from softfuse.robot.robot import build_robot
 
@@ -21,7 +21,7 @@ def calibrate(
     ],
     out: Annotated[
         Path,
-        typer.Option(help="Settings to write; beside them go a report, .html, and perhaps a file, .npz."),
+        out_file(help="Settings to write; beside them go a report, .html, and perhaps a file, .npz."),
     ],
     presses: Annotated[
         str | None, typer.Option(help="Values of the column `press` to use, such as 0-4; default: all.")
@@ -31,7 +31,7 @@ def calibrate(
     """Fit stiffness, contact, chambers and sensors to presses of known place and force."""
     settings = load(config)
     check_out(out)
-    read = [read_recording(path, list(settings.channels)) for path in recordings]
+    read = [read_sensors(settings, path) for path in recordings]
     with busy("meshing", quiet=quiet):
         robot = build_robot(settings)
     with ExitStack() as shown:

@@ -7,6 +7,9 @@ import typer
 
 from softfuse.cli.terminal import Quiet, busy, stdout
 from softfuse.hardware.record.convert import convert_estimates, convert_frames
+from softfuse.robot.file import file_text, validated
+from softfuse.report.recorded import table_form
+from softfuse.robot.recording import RecordingFile, RecordingSettings
 
 
 def convert(
@@ -15,13 +18,25 @@ def convert(
     estimates: Annotated[
         bool, typer.Option("--estimates", help="Convert a session's estimates instead of its frames.")
     ] = False,
+    form: Annotated[
+        Path | None,
+        typer.Option(
+            "--format",
+            help="TOML whose table [recording] tells how a CSV is written, where it is not found.",
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file if it exists.")] = False,
     quiet: Quiet = False,
 ) -> None:
     """Convert a recording: sessions, CSV and Parquet into each other."""
-    act = convert_estimates if estimates else convert_frames
+    told = RecordingSettings()
+    if form is not None:
+        told = validated(file_text(form), form, RecordingFile).recording
     with busy("converting", quiet=quiet):
-        count = act(source, target, overwrite=force)
+        if estimates:
+            count = convert_estimates(source, target, overwrite=force)
+        else:
+            count = convert_frames(source, target, form=table_form(told), overwrite=force)
     if not quiet:
         what = "estimates" if estimates else "frames"
         stdout.print(f"{count} {what} written to {target}", markup=False, highlight=False, soft_wrap=True)

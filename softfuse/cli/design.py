@@ -16,7 +16,7 @@ from softfuse.cli.design_folder import DesignFolder, Identity
 from softfuse.cli.design_report import After, Verified, design_page, shown
 from softfuse.cli.design_run import DesignRun, Wanted, Workers
 from softfuse.cli.design_worker import Task
-from softfuse.cli.terminal import Quiet, busy, printable, stdout, tracked_calls
+from softfuse.cli.terminal import Quiet, busy, out_folder, printable, stdout, tracked_calls
 from softfuse.cli.version import installed_version
 from softfuse.design.objective import AbstractMeasure, Answers, measured
 from softfuse.design.of_robot import (
@@ -33,7 +33,8 @@ from softfuse.design.problem import Geometry
 from softfuse.design.verification import pressed
 from softfuse.errors import SoftfuseError
 from softfuse.robot.digest import digest
-from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 from softfuse.robot.layout.layout_mesh import layout_mesh
 from softfuse.robot.mesh import build_mesh
 from softfuse.robot.robot import build_robot
@@ -43,7 +44,7 @@ log = logging.getLogger(__name__)
 
 def design(
     plan: Annotated[Path, typer.Argument(help="What is looked for (TOML), such as configs/design_pad.toml.")],
-    out: Annotated[Path, typer.Option(help="Folder for the results; a run in it is continued.")],
+    out: Annotated[Path, out_folder("Folder for the results; a run in it is continued.")],
     scheduler: Annotated[
         str | None, typer.Option(help="A Dask scheduler that you trust: starts are searched on its workers.")
     ] = None,

@@ -15,7 +15,8 @@ from softfuse.cli.sources import sources_at
 from softfuse.cli.terminal import Quiet, busy, stdout
 from softfuse.errors import ConfigError
 from softfuse.hardware.source.serial_ports import serial_ports
-from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 
 
 def doctor(

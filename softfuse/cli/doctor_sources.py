@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable, Sequence
 
 from softfuse.cli.finding import Finding
-from softfuse.cli.sources import connection_of, driver_of
 from softfuse.errors import HardwareError
+from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.hardware.source.connection import SILENCE
 from softfuse.hardware.source.listening import Heard, Listener
 from softfuse.hardware.source.serial_ports import SerialPort

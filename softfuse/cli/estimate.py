@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
+from softfuse.cli.terminal import Charts, Quiet, busy, out_folder, stdout, tracked
 from softfuse.estimation.stream import follow
 from softfuse.estimation.tracker import Tracker
 from softfuse.report.recorded import Part, read_sensors, sensor_frames
@@ -29,9 +29,7 @@ from softfuse.robot.robot import build_robot
 def estimate(
     config: Annotated[Path, typer.Argument(help="Configuration of the robot (TOML).")],
     recording: Annotated[Path, typer.Argument(help="Recording of its sensors (.csv or .csv.gz).")],
-    out: Annotated[
-        Path, typer.Option(help="Folder for estimates.csv, smoothed.csv, summary.json and report.html.")
-    ],
+    out: Annotated[Path, out_folder("Folder for estimates.csv, smoothed.csv, summary.json and report.html.")],
     charts: Charts = None,
     every: Annotated[
         int, typer.Option(help="Estimate every so many frames only, and samples with truth.", min=1)

@@ -15,19 +15,20 @@ from softfuse.cli.evaluation_report import write_evaluation
 from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.recorded import sensor_columns
 from softfuse.cli.result_folder import claim
-from softfuse.cli.terminal import Quiet, busy, printable, stdout
+from softfuse.cli.terminal import Quiet, busy, out_folder, printable, stdout
 from softfuse.cli.version import installed_version
 from softfuse.experiment.build_evaluation import Bed, build_bed
 from softfuse.experiment.build_virtual_pad import PadPlan
 from softfuse.hardware.recording import read_recording
 from softfuse.report.page import table
 from softfuse.robot.digest import digest
-from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 
 
 def evaluate(
     config: Annotated[Path, typer.Argument(help="Configuration of a pad or a finger (TOML).")],
-    out: Annotated[Path, typer.Option(help="Folder for the results; an evaluation in it is continued.")],
+    out: Annotated[Path, out_folder("Folder for the results; an evaluation in it is continued.")],
     grid: Annotated[
         int, typer.Option(help="A pad is pressed at so many times so many places.", min=2, max=30)
     ] = 10,

@@ -6,7 +6,7 @@ from softfuse.cli.result_folder import put_in_place, writing
 from softfuse.cli.terminal import tracked_calls
 from softfuse.experiment.build_evaluation import Bed
 from softfuse.experiment.recording_file import recorded, write_recording
-from softfuse.robot.file import RobotSettings
+from softfuse.robot.settings import RobotSettings
 
 
 def record(settings: RobotSettings, bed: Bed, folder: Path, *, quiet: bool) -> list[Path]:

@@ -17,7 +17,7 @@ from softfuse.estimation.side_by_side import cores
 from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.pose_cache import Arrays, kept
 from softfuse.hardware.recording import read_recording
-from softfuse.robot.file import RobotSettings
+from softfuse.robot.settings import RobotSettings
 from softfuse.robot.mesh import build_mesh
 
 EVERY = 10

@@ -19,7 +19,7 @@ from softfuse.experiment.pose_cache import Arrays
 from softfuse.experiment.shape_accuracy import PULLED_M, ShapeSamples, position_table
 from softfuse.report.shape_figures import Shape
 from softfuse.mesh.surface import outer_surface
-from softfuse.robot.file import RobotSettings
+from softfuse.robot.settings import RobotSettings
 from softfuse.robot.mesh import build_mesh
 
 

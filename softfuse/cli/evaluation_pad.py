@@ -16,7 +16,7 @@ from softfuse.experiment.paper.reported import FORCE_ERROR_PERCENT, LOCATION_ERR
 from softfuse.experiment.pose_cache import Arrays
 from softfuse.report.page import table
 from softfuse.experiment.paper.mutual_bed import MutualBed
-from softfuse.robot.file import RobotSettings
+from softfuse.robot.settings import RobotSettings
 from softfuse.robot.mesh import build_mesh
 
 _NAMES = [each.name for each in fields(Samples)]

@@ -14,7 +14,7 @@ from softfuse.cli.study import AbstractStudy
 from softfuse.experiment.pose_cache import Arrays
 from softfuse.report.comparison import UNKNOWN, Comparison
 from softfuse.report.page import page, picture
-from softfuse.robot.file import RobotSettings
+from softfuse.robot.settings import RobotSettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

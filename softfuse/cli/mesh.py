@@ -1,15 +1,14 @@
-"""softfuse mesh: the mesh of a device, measured and written to a file."""
+"""softfuse mesh: the mesh of a robot, measured and written to a file."""
 
 from pathlib import Path
 from typing import Annotated
 
-import jax.numpy as jnp
 import typer
 from rich.markup import escape
 from rich.table import Table
 
-from softfuse.cli.terminal import Quiet, busy, stdout
-from softfuse.functional.cavity import Cavity
+from softfuse.cli.terminal import Quiet, busy, out_file, stdout
+from softfuse.functional.cavity import volume_within
 from softfuse.mesh.files import write_mesh
 from softfuse.mesh.quality import MeshQuality, Spread, mesh_quality
 from softfuse.mesh.surface import Surface, boundary_faces
@@ -18,32 +17,32 @@ from softfuse.robot.mesh import RobotMesh, build_mesh
 
 
 def mesh(
-    config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
-    out: Annotated[Path, typer.Option(help="File to write: .vtu, .vtk, .msh or .xdmf; lengths in metres.")],
+    config: Annotated[Path, typer.Argument(help="Configuration of the robot (TOML).")],
+    out: Annotated[Path, out_file(help="File to write: .vtu, .vtk, .msh or .xdmf; lengths in metres.")],
     quiet: Quiet = False,
 ) -> None:
-    """Build the mesh of a device, write it to a file and report its quality."""
+    """Build the mesh of a robot, write it to a file and report its quality."""
     settings = load(config)
     with busy("meshing", quiet=quiet):
-        device = build_mesh(settings)
-    write_mesh(out, device.mesh, point_data={"fixed": device.fixed.astype("int32")})
+        made = build_mesh(settings)
+    write_mesh(out, made.mesh, point_data={"fixed": made.fixed.astype("int32")})
     if not quiet:
         names = [chamber.name for chamber in settings.chambers]
-        stdout.print(quality_table(settings.robot.name, names, device))
+        stdout.print(quality_table(settings.robot.name, names, made))
         stdout.print(f"written to {out}", markup=False, highlight=False, soft_wrap=True)
 
 
-def quality_table(name: str, cavities: list[str], device: RobotMesh) -> Table:
+def quality_table(name: str, chambers: list[str], made: RobotMesh) -> Table:
     """Counts, sizes in mm and mm³, and shapes of the tetrahedra, as people read them."""
-    quality = mesh_quality(device.mesh)
+    quality = mesh_quality(made.mesh)
     table = Table("", "least", "mean", "most", title=escape(f"Mesh of {name}"), title_justify="left")
     for column in table.columns[1:]:
         column.justify = "right"
-    for label, value in _counts(quality, device):
+    for label, value in _counts(quality, made):
         table.add_row(escape(label), "", value, "")
-    for cavity, surface in zip(cavities, device.cavities, strict=True):
-        label = f"volume of cavity {cavity} [mm³]"
-        table.add_row(escape(label), "", f"{1e9 * _within(surface, device):.1f}", "")
+    for chamber, surface in zip(chambers, made.cavities, strict=True):
+        label = f"volume of chamber {chamber} [mm³]"
+        table.add_row(escape(label), "", f"{1e9 * _within(surface, made):.1f}", "")
     for label, spread, factor in (
         ("edges [mm]", quality.edge_length, 1e3),
         ("volume of a tetrahedron [mm³]", quality.tet_volume, 1e9),
@@ -54,20 +53,20 @@ def quality_table(name: str, cavities: list[str], device: RobotMesh) -> Table:
     return table
 
 
-def _within(surface: Surface, device: RobotMesh) -> float:
+def _within(surface: Surface, made: RobotMesh) -> float:
     """Volume in m³ that a surface encloses, its edges as curved as they are."""
-    return float(Cavity(jnp.asarray(surface.faces))(jnp.asarray(device.mesh.nodes)))
+    return volume_within(surface.faces, made.mesh.nodes)
 
 
-def _counts(quality: MeshQuality, device: RobotMesh) -> list[tuple[str, str]]:
+def _counts(quality: MeshQuality, made: RobotMesh) -> list[tuple[str, str]]:
     kind = "quadratic" if quality.order == 2 else "linear"
     return [
         (f"{kind} tetrahedra", f"{quality.n_tets}"),
         ("nodes", f"{quality.n_nodes}"),
         ("corner nodes", f"{quality.n_corners}"),
-        ("held nodes", f"{device.fixed.sum()}"),
+        ("held nodes", f"{made.fixed.sum()}"),
         ("materials", f"{len(quality.regions)}"),
-        ("volume of the material [mm³]", f"{1e9 * _within(boundary_faces(device.mesh), device):.1f}"),
+        ("volume of the material [mm³]", f"{1e9 * _within(boundary_faces(made.mesh), made):.1f}"),
     ]
 
 

@@ -8,7 +8,7 @@ import typer
 
 from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.result_folder import put_in_place
-from softfuse.cli.terminal import Quiet, busy, stdout, tracked_calls
+from softfuse.cli.terminal import Quiet, busy, out_file, stdout, tracked_calls
 from softfuse.experiment.equilibria import RobotSolver
 from softfuse.experiment.performance import performance, random_episodes
 from softfuse.experiment.recording_file import write_recording
@@ -19,7 +19,7 @@ from softfuse.robot.robot import require_sensors
 
 def record_virtual(
     config: Annotated[Path, typer.Argument(help="Configuration of the robot (TOML).")],
-    out: Annotated[Path, typer.Option(help="File to write: .csv or .csv.gz.")],
+    out: Annotated[Path, out_file(help="File to write: .csv or .csv.gz.")],
     presses: Annotated[int, typer.Option(min=1, help="So many, each at a place of its own.")] = 10,
     seed: Annotated[int, typer.Option(min=0, help="Other places, forces and noise.")] = 1,
     body: Annotated[

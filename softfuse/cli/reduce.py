@@ -7,7 +7,7 @@ import numpy as np
 import typer
 
 from softfuse.body.body import Body
-from softfuse.cli.terminal import Quiet, busy, stdout, tracked
+from softfuse.cli.terminal import Quiet, busy, out_folder, stdout, tracked
 from softfuse.errors import SoftfuseError
 from softfuse.robot.file import load
 from softfuse.robot.reduced import Teacher, build_regions, reduction_mark
@@ -19,7 +19,7 @@ from softfuse.rom.rest_stiffness import rest_stiffness
 
 def reduce(
     config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
-    out: Annotated[Path, typer.Option(help="Folder for the charts; those that are there already stay.")],
+    out: Annotated[Path, out_folder("Folder for the charts; those that are there already stay.")],
     quiet: Quiet = False,
 ) -> None:
     """Reduce a device for real time, a chart for each cell of its workspace or electrode; goes on where it

@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.sources import driver_of
 from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
 from softfuse.cli.view_options import Bind, SaveView, StreamPort, View, ViewPort, opened_view
 from softfuse.errors import RecordingError
@@ -16,6 +15,7 @@ from softfuse.hardware.live.replay import Comparison, Replay
 from softfuse.hardware.live.rerun_view import LOOPBACK
 from softfuse.hardware.record.entries import SourceInfo
 from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.source.configured import driver_of
 from softfuse.hardware.source.driver import AbstractDriver
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.report.live import LiveEstimates, Pictures

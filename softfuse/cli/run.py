@@ -1,7 +1,6 @@
 """softfuse run: live estimates from the sensors of a robot."""
 
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
@@ -11,21 +10,19 @@ from rich.live import Live
 
 from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.live_display import LiveDisplay
-from softfuse.cli.sources import connection_of, driver_of, session_info, sources_at
-from softfuse.cli.terminal import Charts, Quiet, busy, stderr, stdout
+from softfuse.cli.sources import session_info, sources_of
+from softfuse.cli.terminal import Charts, Quiet, busy, out_file, stderr, stdout
 from softfuse.cli.view_options import Bind, SaveView, StreamPort, View, ViewPort, opened_view
-from softfuse.errors import ConfigError
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.live.rerun_view import LOOPBACK
 from softfuse.hardware.live.session import Session
 from softfuse.hardware.live.words import told
+from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.stream import HostClock
 from softfuse.report.live import LiveEstimates, Pictures
 from softfuse.robot.file import load
-from softfuse.robot.settings import RobotSettings
-from softfuse.robot.source import AnySource
 
 _SHOWN_EVERY_S = 0.2
 
@@ -34,10 +31,10 @@ def run(
     config: Annotated[Path, typer.Argument(help="Configuration of the robot (TOML).")],
     port: Annotated[
         list[str] | None,
-        typer.Option(help="Port of a board of softfuse's protocol, instead of [\\[source]]; may be repeated."),
+        typer.Option(help="Port of a board of softfuse's protocol, instead of [\\[source]]; repeatable."),
     ] = None,
     baud: Annotated[int, typer.Option(help="Baud rate of these ports.", min=50)] = 115200,
-    record: Annotated[Path | None, typer.Option(help="Record everything to this file (.mcap).")] = None,
+    record: Annotated[Path | None, out_file(help="Record everything to this file (.mcap).")] = None,
     view: View = False,
     save_view: SaveView = None,
     bind: Bind = LOOPBACK,
@@ -51,7 +48,7 @@ def run(
 ) -> None:
     """Estimate contacts, forces and shape live; Ctrl-C ends it."""
     settings, clock = load(config), HostClock()
-    sources = _sources(settings, port or [], baud)
+    sources = sources_of(settings, port or [], baud)
     with busy("building and compiling", quiet=quiet):
         live = LiveEstimates.built(settings, charts)
     drivers = [driver_of(source) for source in sources]
@@ -88,13 +85,6 @@ def run(
         kept = [] if record is None else [f"recorded to {record}, {lost} entries lost"]
         lines = [*told(session.report), *kept]
         stdout.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
-
-
-def _sources(settings: RobotSettings, ports: Sequence[str], baud: int) -> Sequence[AnySource]:
-    """Those of the settings, or boards at ports; ConfigError without any."""
-    if not ports and not settings.sources:
-        raise ConfigError(f"{settings.path}: source: missing; write a [[source]], or give --port")
-    return sources_at(ports, baud) if ports else settings.sources
 
 
 def _follow(session: Session, display: LiveDisplay, seconds: float | None, *, quiet: bool) -> None:

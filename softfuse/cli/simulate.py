@@ -1,4 +1,6 @@
-"""softfuse simulate: press on a robot, pull its cables, inflate its chambers: its shape, and what its sensors read."""
+"""softfuse simulate: press on a robot, pull its cables, inflate its chambers: its shape, and what its sensors
+read.
+"""
 
 import json
 from pathlib import Path
@@ -6,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Quiet, busy, stdout
+from softfuse.cli.result_folder import writing
+from softfuse.cli.terminal import Quiet, busy, out_file, stdout
 from softfuse.errors import SoftfuseError
 from softfuse.mesh.files import write_mesh
 from softfuse.robot.file import load
@@ -33,8 +36,8 @@ def simulate(
     pressure: Annotated[
         list[str] | None, typer.Option(help="NAME=20kPa: gauge pressure of a driven chamber.")
     ] = None,
-    json_file: Annotated[Path | None, typer.Option("--json", help="File for the numbers.")] = None,
-    vtu: Annotated[Path | None, typer.Option(help="File for the deformed mesh (VTU).")] = None,
+    json_file: Annotated[Path | None, out_file("--json", help="File for the numbers.")] = None,
+    vtu: Annotated[Path | None, out_file(help="File for the deformed mesh (VTU).")] = None,
     quiet: Quiet = False,
 ) -> None:
     """Press on a robot or drive its actuators, and report its shape and what its sensors read."""
@@ -46,7 +49,8 @@ def simulate(
         solution = trial.solved()
     numbers = trial.numbers(solution)
     if json_file is not None:
-        json_file.write_text(json.dumps(numbers, indent=2) + "\n")
+        with writing(json_file):
+            json_file.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
     if vtu is not None:
         moved = robot.model.body.displacement(solution.state.z)
         write_mesh(vtu, robot.mesh.mesh, point_data={"displacement": moved.__array__()})
@@ -57,8 +61,12 @@ def simulate(
 def presses(contacts: list[str], places: list[str], forces: list[float]) -> list[Press]:
     """The presses of options that are given once for each; SoftfuseError where they do not go together."""
     if len(places) != len(forces):
-        raise SoftfuseError(f"{len(places)} times --at and {len(forces)} times --force: give both for each press")
+        raise SoftfuseError(
+            f"{len(places)} times --at and {len(forces)} times --force: give both for each press"
+        )
     if len(contacts) not in (0, len(places)):
-        raise SoftfuseError(f"{len(contacts)} times --contact for {len(places)} times --at: give one for each")
+        raise SoftfuseError(
+            f"{len(contacts)} times --contact for {len(places)} times --at: give one for each"
+        )
     names: list[str | None] = [*contacts] or [None] * len(places)
     return [Press(*each) for each in zip(names, places, forces, strict=True)]

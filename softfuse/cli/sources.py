@@ -1,34 +1,23 @@
-"""The drivers and connections that the configuration's sources stand for, and how their sessions begin."""
+"""The sources that a command is given, and how their sessions begin."""
 
 import shlex
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
 from pydantic import ValidationError
 
 from softfuse.errors import ConfigError
 from softfuse.hardware.record.entries import Kind, SessionInfo, SourceInfo
-from softfuse.hardware.source.ati_net_ft import PORT, AtiNetFt
-from softfuse.hardware.source.bota_serial import BotaSerial
-from softfuse.hardware.source.connection import Connection
-from softfuse.hardware.source.driver import AbstractDriver
-from softfuse.hardware.source.port import AbstractPort
-from softfuse.hardware.source.robotous_rft import RobotousRft
-from softfuse.hardware.source.serial_port import open_serial
-from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
-from softfuse.hardware.source.text_lines import PRESETS, TextFormat, TextLines
-from softfuse.hardware.source.udp_port import open_udp
-from softfuse.hardware.stream import Chunk, HostClock, Notice
-from softfuse.robot.file import RobotSettings
-from softfuse.robot.source import (
-    AnySource,
-    AtiNetFtSource,
-    BotaSource,
-    LinesSource,
-    RobotousRftSource,
-    SoftfuseSource,
-)
+from softfuse.robot.settings import RobotSettings
+from softfuse.robot.source import AnySource, SoftfuseSource
+
+
+def sources_of(settings: RobotSettings, ports: Sequence[str], baud: int) -> Sequence[AnySource]:
+    """Those of a robot's settings, or boards at ports; ConfigError without any."""
+    if not ports and not settings.sources:
+        raise ConfigError(f"{settings.path}: source: missing; write a [[source]], or give --port")
+    return sources_at(ports, baud) if ports else settings.sources
 
 
 def sources_at(ports: Sequence[str], baud: int) -> list[SoftfuseSource]:
@@ -59,62 +48,4 @@ def session_info(
         estimates=estimates,
         sources=tuple(SourceInfo(source.url, source.driver) for source in sources),
         config=config.path.read_bytes(),
-    )
-
-
-def driver_of(source: AnySource) -> AbstractDriver:
-    """A new driver with a source's settings; WireError for names of channels that cannot be."""
-    match source:
-        case SoftfuseSource():
-            return SoftfuseFrames()
-        case LinesSource(preset=str() as preset):
-            return TextLines(PRESETS[preset], source.channels)
-        case LinesSource():
-            form = TextFormat(source.columns, source.time, source.separator, source.prefix)
-            return TextLines(form, source.channels)
-        case AtiNetFtSource():
-            return AtiNetFt(
-                source.counts_per_newton,
-                source.counts_per_newton_metre,
-                internal_rate=source.internal_rate,
-                names=source.channels,
-            )
-        case RobotousRftSource():
-            return RobotousRft(
-                counts_per_force=source.counts_per_newton,
-                counts_per_torque=source.counts_per_newton_metre,
-                rate=None if source.rate is None else round(source.rate),
-                names=source.channels,
-            )
-        case BotaSource():
-            return BotaSerial(names=source.channels)
-
-
-def open_port_of(source: AnySource) -> AbstractPort:
-    """A source's port, open; OSError where there is none now, HardwareError where it can never be."""
-    match source:
-        case AtiNetFtSource(url=url):
-            return open_udp(url, PORT)
-        case _:
-            return open_serial(source.url, source.baud)
-
-
-def connection_of(
-    number: int,
-    source: AnySource,
-    driver: AbstractDriver,
-    on_chunk: Callable[[Chunk], None],
-    on_notice: Callable[[Notice], None],
-    clock: HostClock,
-) -> Connection:
-    """The connection, not open yet, of the source of this number, which greets as its driver wants."""
-    return Connection(
-        number,
-        source.url,
-        lambda: open_port_of(source),
-        on_chunk,
-        on_notice,
-        clock,
-        greeting=driver.greeting(),
-        farewell=driver.farewell(),
     )

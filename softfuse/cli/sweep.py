@@ -11,7 +11,7 @@ from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.sweep_folder import Identity, SweepFolder
 from softfuse.cli.sweep_table import SweepTable
 from softfuse.cli.sweep_worker import Chunk, Pressed, chunks_of, solve_chunk
-from softfuse.cli.terminal import Quiet, busy, printable, stdout, tracked
+from softfuse.cli.terminal import Quiet, busy, out_folder, printable, stdout, tracked
 from softfuse.cli.version import installed_version
 from softfuse.robot.digest import digest
 from softfuse.robot.file import file_text, parse
@@ -22,7 +22,7 @@ from softfuse.robot.press_series import build_series, shortened_cables
 def sweep(
     config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
     plan: Annotated[Path, typer.Argument(help="What varies (TOML), such as configs/pad_sweep.toml.")],
-    out: Annotated[Path, typer.Option(help="Folder for the results; a sweep in it is continued.")],
+    out: Annotated[Path, out_folder("Folder for the results; a sweep in it is continued.")],
     scheduler: Annotated[
         str | None, typer.Option(help="A Dask scheduler that you trust, such as tcp://host:8786.")
     ] = None,

@@ -1,11 +1,12 @@
 """What people see: results on stdout; progress, logs and errors on stderr."""
 
 import logging
+import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import typer
 from rich.console import Console
@@ -19,6 +20,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from softfuse.errors import SoftfuseError
+
 T = TypeVar("T")
 
 stdout = Console()
@@ -26,6 +29,40 @@ stderr = Console(stderr=True)
 
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress and no tables, only errors.")]
 """The option --quiet of every command."""
+
+
+def _writable_file(path: Path | None) -> Path | None:
+    """The path of a file that a command will write, checked before its work: SoftfuseError."""
+    if path is None:
+        return path
+    if path.is_dir():
+        raise SoftfuseError(f"{path} cannot be written: it is a folder, give a file")
+    if not path.parent.is_dir():
+        raise SoftfuseError(f"{path} cannot be written: there is no folder {path.parent}")
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise SoftfuseError(f"{path} cannot be written: no permission, choose another place")
+    return path
+
+
+def _writable_folder(path: Path) -> Path:
+    """The path of a folder that a command will make or write in, checked before its work: SoftfuseError."""
+    there = next(folder for folder in (path, *path.absolute().parents) if folder.exists())
+    if not there.is_dir():
+        raise SoftfuseError(f"{path} cannot be written: {there} is a file, give a folder")
+    if not os.access(there, os.W_OK):
+        raise SoftfuseError(f"{path} cannot be written: no permission in {there}, choose another place")
+    return path
+
+
+def out_file(*names: str, help: str) -> Any:
+    """An option for a file to write."""
+    return typer.Option(*names, help=help, callback=_writable_file)
+
+
+def out_folder(help: str) -> Any:
+    """An option for a folder to write in."""
+    return typer.Option(help=help, callback=_writable_folder)
+
 
 Charts = Annotated[
     Path | None,

@@ -8,7 +8,6 @@ from typing import Annotated
 import typer
 
 from softfuse.cli.interruption import termination_interrupts
-from softfuse.cli.recorded import sensor_columns
 from softfuse.cli.sources import session_info
 from softfuse.cli.terminal import Quiet, printable, stderr, stdout, tracked
 from softfuse.cli.testbed_files import Outputs, done_already
@@ -27,7 +26,9 @@ from softfuse.hardware.testbed.gathering import ForceAxis
 from softfuse.hardware.testbed.places import grid, read_places
 from softfuse.hardware.testbed.procedure import PressSettings
 from softfuse.robot.contacts import DiscSettings
-from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.file import load
+from softfuse.robot.robot import require_sensors
+from softfuse.robot.settings import RobotSettings
 
 _DEFAULTS = PressSettings()
 _LIMIT = 1.3
@@ -171,7 +172,7 @@ def _stage(url: str, baud: int, firmware: Firmware, workspace: Workspace) -> Gco
 
 
 def _workspace(config: RobotSettings) -> tuple[tuple[float, float], tuple[float, float]]:
-    sensor_columns(config)
+    require_sensors(config)
     contact = config.contact()
     if not isinstance(contact, DiscSettings):
         raise ConfigError(

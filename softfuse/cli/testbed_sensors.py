@@ -2,16 +2,16 @@
 
 from collections.abc import Callable
 
-from softfuse.cli.recorded import sensor_columns
-from softfuse.cli.sources import connection_of, driver_of
 from softfuse.cli.testbed_files import Outputs
 from softfuse.errors import ConfigError, HardwareError
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.record.entries import FrameEntry
+from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 from softfuse.hardware.testbed.gathering import ForceAxis, Gathering
-from softfuse.robot.file import RobotSettings
+from softfuse.robot.robot import require_sensors
+from softfuse.robot.settings import RobotSettings
 
 _COMING_S = 5.0
 """How long the channels have to come before anything moves [s]: opening its port resets many a board, which
@@ -31,7 +31,8 @@ class Sensors:
             raise ConfigError(
                 f"{config.path}: source: missing; write a [[source]] for the device and the force sensor"
             )
-        wanted = list(sensor_columns(config))
+        require_sensors(config)
+        wanted = list(config.channels)
         for name in (*(name for source in config.sources for name in source.known_channels), axis.channel):
             if name not in wanted:
                 wanted.append(name)

@@ -5,12 +5,12 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import stdout
+from softfuse.cli.terminal import out_file, stdout
 from softfuse.hardware.live.rerun_view import RerunView
 from softfuse.report.live import LiveEstimates
 
 View = Annotated[bool, typer.Option("--view", help="Serve the live view to browsers.")]
-SaveView = Annotated[Path | None, typer.Option(help="Save the live view to this file (.rrd).")]
+SaveView = Annotated[Path | None, out_file(help="Save the live view to this file (.rrd).")]
 Bind = Annotated[
     str, typer.Option(help="Address that the live view listens on; 0.0.0.0 lets every computer look.")
 ]

@@ -10,7 +10,7 @@ import platformdirs
 import typer
 
 from softfuse.cli.interruption import termination_interrupts
-from softfuse.cli.terminal import Quiet, busy, stdout
+from softfuse.cli.terminal import Quiet, busy, out_file, stdout
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.performance import Performance, shown
 from softfuse.hardware.stream import HostClock
@@ -46,7 +46,7 @@ def virtual_device(
     ] = 1,
     fault: Annotated[list[str] | None, typer.Option(metavar="NAME=VALUE", help=HELP)] = None,
     seed: Annotated[int, typer.Option(min=0, help="Other zeros, gains, noise and accidents.")] = 0,
-    truth: Annotated[Path | None, typer.Option(help="File for the true values (CSV).")] = None,
+    truth: Annotated[Path | None, out_file(help="File for the true values (CSV).")] = None,
     for_s: Annotated[float | None, typer.Option("--for", help="End after so many seconds.")] = None,
     quiet: Quiet = False,
 ) -> None:

@@ -37,11 +37,11 @@ class Evidence:
     """What the readings of one frame say of the drives and of places, whatever was known before: those are
     off by `misfit` from drives u₀ at places p₀ on, y − s(u₀, p₀) = W (u − u₀) + G (p − p₀) + error.
 
-    `misfit` (k,) in SI, NaN where a reading took no part; `sigma` (k,) of the readings; `drive` u₀ (D,); `compliance` W (k, D); `place_m`
-    p₀ (P,): along both tangents of each contact, and `by_place` G (k, P), 0 where readings were not to tell
-    places; `seen_m`, `seen_sigma_m` (P,): what the senses alone say of places, and its standard deviation,
-    NaN where they say nothing; `acting` (D,): drives that may be other than 0; `model` (k, k): covariance of
-    the model's error; `drift`: what readings drift by.
+    `misfit` (k,) in SI, NaN where a reading took no part; `sigma` (k,) of the readings; `drive` u₀ (D,);
+    `compliance` W (k, D); `place_m` p₀ (P,): along both tangents of each contact, and `by_place` G (k, P), 0
+    where readings were not to tell places; `seen_m`, `seen_sigma_m` (P,): what the senses alone say of
+    places, and its standard deviation, NaN where they say nothing; `acting` (D,): drives that may be other
+    than 0; `model` (k, k): covariance of the model's error; `drift`: what readings drift by.
     """
 
     misfit: Float[np.ndarray, " k"]
@@ -84,9 +84,10 @@ class Tracked:
     nothing touches; `force_covariance_N2` (c, c): see `posterior_covariance`, NaN where the force is;
     `places` (c, 3, 3): where the device's contact was taken to press; `covariance` (m, m): of all drives in
     their units, then of places along their tangents [m], if readings may tell them; `attached`
-    (a,): what the attached loads are driven with; `reading`, `sigma` (k,): measured, and which count, `valid` (k,); `misfit` (k,): measured
-    minus modelled, NaN without an estimate and where a reading took no part; `evidence`: for smoothing, None where readings do not drift, the state was lost, or only readings tell of a place; `details`:
-    what each sensor knows besides, by its name; `latency_s`: wall time of the frame.
+    (a,): what the attached loads are driven with; `reading`, `sigma` (k,): measured, and which count, `valid`
+    (k,); `misfit` (k,): measured minus modelled, NaN without an estimate and where a reading took no part;
+    `evidence`: for smoothing, None where readings do not drift, the state was lost, or only readings tell of
+    a place; `details`: what each sensor knows besides, by its name; `latency_s`: wall time of the frame.
     """
 
     time_s: float

@@ -35,9 +35,21 @@ def facing(
     points: Float[np.ndarray, "... 3"], direction: Sequence[float] | Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "... 3 3"]:
     """The places (..., 3, 3) at points (..., 3) m that are pressed along one direction (3,) of any length."""
-    tangents = np.asarray(FlatChart.along(direction).tangents)
-    tangents = np.broadcast_to(tangents, (*np.shape(points)[:-1], 2, 3))
+    into, (u, _) = _across(direction)
+    tangents = np.broadcast_to([u, np.cross(u, into)], (*np.shape(points)[:-1], 2, 3))
     return np.concatenate([np.asarray(points, float)[..., None, :], tangents], axis=-2)
+
+
+def _across(
+    direction: Sequence[float] | Float[np.ndarray, "3"],
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "2 3"]]:
+    """The unit vector (3,) along a direction, and two axes (2, 3) across it, see `FlatChart.along`."""
+    d = np.asarray(direction, float) / np.linalg.norm(direction)
+    first = np.eye(3)[np.argmin(np.abs(d))]
+    first = first - d * (first @ d)
+    first /= np.linalg.norm(first)
+    second = np.cross(d, first)
+    return d, np.stack([first, second * np.sign(second[np.argmax(np.abs(second))])])
 
 
 def nearest(
@@ -75,13 +87,8 @@ class FlatChart(AbstractChart):
         """The chart of what is seen along a direction (3,) of any length: x and y where that is along z, else
         two axes across it, each as near as may be to one of x, y, z.
         """
-        d = np.asarray(direction, float) / np.linalg.norm(direction)
-        first = np.eye(3)[np.argmin(np.abs(d))]
-        first = first - d * (first @ d)
-        first /= np.linalg.norm(first)
-        second = np.cross(d, first)
-        second *= np.sign(second[np.argmax(np.abs(second))])
-        return cls(jnp.zeros(3), jnp.asarray(np.stack([first, second])), jnp.asarray(d))
+        into, axes = _across(direction)
+        return cls(jnp.zeros(3), jnp.asarray(axes), jnp.asarray(into))
 
     @property
     def tangents(self) -> Float[Array, "2 3"]:

@@ -3,16 +3,19 @@
 The local coordinates ξ solve Σ_a N_a(ξ) X_a = X on the rest mesh. Which element a point lies in, and where in
 it, is found once; ξ then follows rest nodes and point differentiably, by Newton steps from there: exact for
 elements with straight edges, and to first order for curved ones. With the slopes of the shape functions the
-deformation gradient at a point is F = I + Σ_a u_a ⊗ ∂N_a/∂X.
+deformation gradient at a point is F = I + Σ_a u_a ⊗ ∂N_a/∂X. Points drawn on a smooth surface lie slightly
+outside a coarse mesh of it; they may be put onto the mesh's surface.
 """
 
+import logging
 from functools import cache
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.body.base import AbstractBody
 from softfuse.body.shape import linear, linear_slopes, quadratic, quadratic_slopes
@@ -20,6 +23,8 @@ from softfuse.errors import MeshError
 from softfuse.mesh.nearest import nearest_on_triangles
 from softfuse.mesh.surface import boundary_faces
 from softfuse.mesh.tetmesh import tet_mesh
+
+log = logging.getLogger(__name__)
 
 _NEWTON_STEPS = 6
 _CANDIDATES = 32  # elements that are looked at: in the mesh of a layout the ninth was met as the right one
@@ -89,11 +94,17 @@ class MaterialPoints(eqx.Module):
 
     @classmethod
     def embedded(
-        cls, body: AbstractBody, points: Float[np.ndarray, "g 3"], *, named: str = "point"
+        cls,
+        body: AbstractBody,
+        points: Float[np.ndarray, "g 3"],
+        *,
+        named: str = "point",
+        within: float = 0.0,
     ) -> "MaterialPoints":
-        """The points (g, 3) m of a body.
+        """The points (g, 3) m of a body; `named`: what each is called in messages.
 
-        Raises MeshError, with how far, for points that lie outside it; `named`: what each is called there.
+        Those up to `within` [m] outside it are put onto its surface, with a note in the log. Raises MeshError,
+        with how far and the nearest places, for points that are further out.
         """
         tets, rest = np.asarray(body.tets), np.asarray(body.rest)
         given = np.asarray(points, float).reshape(-1, 3)
@@ -112,9 +123,14 @@ class MaterialPoints(eqx.Module):
             each = np.nan_to_num(np.minimum(places.min(axis=2), 1 - places.sum(axis=2)), nan=-np.inf)
             best, one = np.argmax(each, axis=1), np.arange(len(near))
             element[at], local[at], depth[at] = near[one, best], places[one, best], each[one, best]
-        outside = np.flatnonzero(depth < -_OUTSIDE)
+        outside = np.flatnonzero(~(depth >= -_OUTSIDE))
         if len(outside):
-            raise MeshError(_all_outside(rest, tets, given, outside, named))
+            found = nearest_places(body, given[outside])
+            far = found.apart > within
+            if far.any():
+                raise MeshError(_told_outside(given, outside[far], found.at(far), named) + ": move into the material")
+            log.warning("%s: put onto its surface", _told_outside(given, outside, found, named))
+            element[outside], local[outside], given[outside] = found.element, found.local, found.place
         return cls(jnp.asarray(element), jnp.asarray(tets[element]), jnp.asarray(given), jnp.asarray(local))
 
     def _placed(self, rest: Float[Array, "k 3"]) -> tuple[Float[Array, "g 3"], Float[Array, "g a 3"]]:
@@ -158,17 +174,54 @@ def ball(centre: Float[np.ndarray, "3"], radius: float) -> Float[np.ndarray, "b 
     return centre + spacing * inner
 
 
-def _all_outside(
-    rest: np.ndarray, tets: np.ndarray, points: np.ndarray, outside: Int[np.ndarray, " o"], named: str
+class SurfacePlaces(NamedTuple):
+    """g places (g, 3) m on the surface of a body, in its elements (g,) at ξ (g, 3), and how far (g,) m they are
+    from the points that they are nearest to.
+    """
+
+    place: Float[np.ndarray, "g 3"]
+    element: Int[np.ndarray, " g"]
+    local: Float[np.ndarray, "g 3"]
+    apart: Float[np.ndarray, " g"]
+
+    def at(self, which: Bool[np.ndarray, " g"]) -> "SurfacePlaces":
+        """Some of them."""
+        return SurfacePlaces(*(each[which] for each in self))
+
+
+def nearest_places(body: AbstractBody, points: Float[np.ndarray, "g 3"]) -> SurfacePlaces:
+    """The places on the surface of a body at rest that are nearest to points (g, 3) m."""
+    tets, rest = np.asarray(body.tets), np.asarray(body.rest)
+    surface = boundary_faces(tet_mesh(rest, tets))
+    pieces = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]] if surface.faces.shape[1] == 6 else [[0, 1, 2]])
+    corners = rest[surface.faces[:, pieces]].reshape(-1, 3, 3)
+    near = nearest_on_triangles(points, corners)
+    element = surface.tets[near.triangle // len(pieces)]
+    foot = np.einsum("gk,gki->gi", near.barycentric, corners[near.triangle])
+    local = _found(rest[tets[element]], foot)
+    # Of a curved face the triangle is a chord, which may be outside.
+    whole = np.maximum(np.concatenate([1 - local.sum(axis=1, keepdims=True), local], axis=1), 0.0)
+    whole /= whole.sum(axis=1, keepdims=True)
+    values = (linear if tets.shape[1] == 4 else quadratic)(whole)
+    place = np.einsum("ga,gai->gi", values, rest[tets[element]])
+    return SurfacePlaces(place, element, whole[:, 1:], np.linalg.norm(place - points, axis=1))
+
+
+def _told_outside(
+    points: Float[np.ndarray, "g 3"], outside: Int[np.ndarray, " o"], found: SurfacePlaces, named: str
 ) -> str:
     """What is said of points outside, each with its distance."""
-    faces = boundary_faces(tet_mesh(rest, tets)).faces[:, :3]
-    far = nearest_on_triangles(points[outside], rest[faces]).distance
     each = [
-        f"{named} {k} at ({', '.join(f'{1e3 * c:g}' for c in points[k])}) mm lies outside the body "
-        f"by {1e3 * by:.3g} mm"
-        for k, by in zip(outside[:_NAMED], far, strict=False)
+        f"{named} {k} at {_mm(points[k])} mm lies outside the body by {1e3 * by:.3g} mm "
+        f"(nearest place {_mm(place)} mm)"
+        for k, place, by in zip(outside[:_NAMED], found.place, found.apart, strict=False)
     ]
     if len(outside) > _NAMED:
         each.append(f"{len(outside) - _NAMED} more lie outside")
-    return f"{'; '.join(each)}: move {'it' if len(outside) == 1 else 'them'} into the material"
+    return "; ".join(each)
+
+
+def _mm(place: Float[np.ndarray, "3"]) -> str:
+    return f"({', '.join(f'{1e3 * c:.6g}' for c in place)})"
+
+

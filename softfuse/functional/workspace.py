@@ -54,8 +54,9 @@ class FlatWorkspace(AbstractWorkspace):
     def room(self, places):
         """To the edges of the rectangle."""
         at = self.chart.coordinates(places)
-        # Tangents are along or against the axes.
-        along = np.asarray(self.chart.axes @ self.chart.tangents.T)
+        # Tangents are along or against the axes. In numpy: this is asked in every frame.
+        axes = np.asarray(self.chart.axes)
+        along = axes @ np.stack([axes[0], np.cross(axes[0], np.asarray(self.chart.direction))]).T
         ends = np.stack([(self.low - at) @ along, (self.high - at) @ along])
         return ends.min(axis=0), ends.max(axis=0)
 

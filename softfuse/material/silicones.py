@@ -1,26 +1,41 @@
-"""Yeoh constants of common casting silicones, from uniaxial tension to failure.
+"""Yeoh constants of common casting silicones, from uniaxial tension to failure, and their densities.
 
 They follow the tests to within 3 % from 50 % to 200 % strain; far beyond, c₃ < 0 makes them too soft. Other
 sources differ by a factor of two (cure, batch, Mullins softening): calibrate every device.
 Source: Marechal et al., Toward a Common Framework and Database of Materials for Soft Robotics, Soft
-Robotics 8 (2021) 284, and its tensile tests (github.com/LucMarechal/Soft-Robotics-Materials-Database).
+Robotics 8 (2021) 284, and its tensile tests (github.com/LucMarechal/Soft-Robotics-Materials-Database);
+densities: Smooth-On, technical bulletins of the Ecoflex and the Dragon Skin series.
 """
 
+from dataclasses import dataclass
 from types import MappingProxyType
 
 from softfuse.errors import ConfigError
 from softfuse.material.yeoh import Yeoh
 
-SILICONES = MappingProxyType(
-    {
-        "ecoflex 00-30": (7.73e3, 0.140e3, -0.004e3),
-        "ecoflex 00-50": (10.4e3, 0.349e3, -0.011e3),
-        "dragon skin 10": (21.6e3, 3.04e3, -0.112e3),
-        "dragon skin 20": (63.6e3, 7.45e3, -0.295e3),
-        "dragon skin 30": (92.0e3, 9.09e3, -0.364e3),
-    }
+
+@dataclass(frozen=True)
+class Silicone:
+    """Trade name, constants (c1, c2, c3) [Pa] of the Yeoh law, density [kg/m³]."""
+
+    name: str
+    yeoh: tuple[float, float, float]
+    density: float
+
+
+POISSON = 0.49
+"""Poisson's ratio [-] where nobody gives one."""
+
+_TABLE = (
+    Silicone("Ecoflex 00-30", (7.73e3, 0.140e3, -0.004e3), 1070.0),
+    Silicone("Ecoflex 00-50", (10.4e3, 0.349e3, -0.011e3), 1070.0),
+    Silicone("Dragon Skin 10", (21.6e3, 3.04e3, -0.112e3), 1070.0),
+    Silicone("Dragon Skin 20", (63.6e3, 7.45e3, -0.295e3), 1080.0),
+    Silicone("Dragon Skin 30", (92.0e3, 9.09e3, -0.364e3), 1080.0),
 )
-"""Name in lower case to (c1, c2, c3) [Pa]."""
+
+SILICONES = MappingProxyType({each.name.lower(): each for each in _TABLE})
+"""By name in lower case."""
 
 
 def silicone(name: str, poisson: float) -> Yeoh:
@@ -42,9 +57,8 @@ def silicone_of_stiffness(name: str, shear_modulus: float, poisson: float) -> Ye
 
 
 def _constants(name: str) -> tuple[float, float, float]:
-    constants = SILICONES.get(name.lower())
-    if constants is None:
-        raise ConfigError(
-            f"silicone {name!r} is not known: give one of {', '.join(SILICONES)}, or its constants"
-        )
-    return constants
+    found = SILICONES.get(name.lower())
+    if found is None:
+        names = ", ".join(each.name for each in _TABLE)
+        raise ConfigError(f"silicone {name!r} is not known: give one of {names}, or its constants")
+    return found.yeoh

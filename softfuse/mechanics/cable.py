@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
+from softfuse.errors import MeshError
 from softfuse.functional.cable import guide_forces, length
-from softfuse.functional.material_points import MaterialPoints, ball
+from softfuse.functional.material_points import MaterialPoints, ball, nearest_places
 from softfuse.mechanics.load import AbstractLoad, Sizes
 from softfuse.mechanics.points import AbstractGuides, PointPorts
 
@@ -38,16 +39,18 @@ class PulledCable(AbstractLoad):
         friction: float = 0.0,
         compliance: float = 0.0,
         anchor_radius: float = 0.0,
+        within: float = 0.0,
     ) -> "PulledCable":
         """A cable through guides (g, 3) m of a body at rest, first the one next to the pulling point (3,) m.
 
-        It ends in a ball of `anchor_radius` [m] around the last guide, or in that point. Raises MeshError for
-        a guide or an anchor outside the body.
+        It ends in a ball of `anchor_radius` [m] around the last guide, or in that point. Guides that are
+        `within` [m] outside the body are put onto its surface. Raises MeshError for a guide that is further
+        outside, or a ball that reaches out.
         """
-        before, anchor = np.asarray(guides)[:-1], np.asarray(guides)[-1:]
+        points = MaterialPoints.embedded(body, guides, within=within, named="guide")
+        before, anchor = np.asarray(points.location)[:-1], np.asarray(points.location)[-1:]
         if anchor_radius > 0:
-            anchor = ball(anchor[0], anchor_radius)
-        points = MaterialPoints.embedded(body, np.concatenate([before, anchor]))
+            points, anchor = _anchored(body, before, anchor[0], anchor_radius)
         belongs = np.append(np.arange(len(before)), np.full(len(anchor), len(before)))
         share = np.eye(len(before) + 1)[:, belongs]
         ports = PointPorts.shared(points, jnp.asarray(share / share.sum(axis=1, keepdims=True)), body)
@@ -132,6 +135,23 @@ class ShortenedCable(AbstractLoad):
     def rest_length(self) -> Float[Array, ""]:
         """ℓ₀ [m] on the body at rest."""
         return _rest_length(self)
+
+
+def _anchored(
+    body: AbstractBody, before: Float[np.ndarray, "b 3"], middle: Float[np.ndarray, "3"], radius: float
+) -> tuple[MaterialPoints, Float[np.ndarray, "a 3"]]:
+    """Guides (b, 3) m and the points (a, 3) m of a ball of `radius` [m] around `middle` (3,) m, embedded; and
+    the latter.
+    """
+    anchor = ball(middle, radius)
+    try:
+        return MaterialPoints.embedded(body, np.concatenate([before, anchor])), anchor
+    except MeshError as error:
+        room = float(nearest_places(body, middle[None]).apart[0])
+        raise MeshError(
+            f"anchor_radius: the ball of {1e3 * radius:g} mm around guide {len(before)} reaches out of the "
+            f"body: at most {1e3 * room:.3g} mm have room there; make it that small, or move the guide"
+        ) from error
 
 
 def _rest_length(cable: PulledCable | ShortenedCable) -> Float[Array, ""]:

@@ -71,16 +71,30 @@ def linearise(
     resistance: Float[Array, " n"] | None = None,
 ) -> Linearised:
     """Linearise at a state with K⁻¹ as the map `inverse`; `resistance` (n,): r(z), where it is known."""
+    return linearise_beside(body, loads, inverse, state, jnp.zeros((body.n, 0)), resistance)[0]
+
+
+def linearise_beside(
+    body: AbstractBody,
+    loads: Loads,
+    inverse: Solve,
+    state: State,
+    beside: Float[Array, "n c"],
+    resistance: Float[Array, " n"] | None = None,
+) -> tuple[Linearised, Float[Array, "n c"]]:
+    """As `linearise`; and K⁻¹ `beside` (n, c), which is solved for along with it."""
     rows = loads.rows(body, state.z)
     pushed = rows[:, loads.carrying]
     resistance = body.residual(state.z) if resistance is None else resistance
     left = resistance - pushed @ state.force
-    solved = inverse(jnp.concatenate([pushed, left[:, None]], axis=1))
-    response, relaxed = solved[:, :-1], -solved[:, -1]
+    solved = inverse(jnp.concatenate([beside, pushed, left[:, None]], axis=1))
+    c = beside.shape[1]
+    response, relaxed = solved[:, c:-1], -solved[:, -1]
     at = loads.values(body, state.z)
     compliance = rows.T @ response
     free = at + rows.T @ relaxed - compliance @ state.force
-    return Linearised(HeldLoads(loads, at), state.force, left, rows, response, relaxed, free, compliance)
+    linear = Linearised(HeldLoads(loads, at), state.force, left, rows, response, relaxed, free, compliance)
+    return linear, solved[:, :c]
 
 
 def settled_on(linear: Linearised, state: State) -> tuple[Settled, Float[Array, " P"]]:

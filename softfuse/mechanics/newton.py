@@ -1,16 +1,13 @@
-"""Equilibrium of a body and its loads at prescribed drives, by Newton's method with damping and continuation.
+"""Equilibrium of a body and its loads at prescribed drives, by continuation of these and of its weight.
 
-One iteration linearises the body, K δz = Σ f ∂y/∂z − r(z), lets the loads find their forces on the linearised
-body (`interface`) and moves along δz by α ≤ 1, the largest of 1, 1/2, ... whose simplified Newton correction,
-of body and laws together, shrinks and which turns no element inside out. That test is invariant under scaling
-of forces and pressures, so it serves saddle points, whose energy has no minimum (Deuflhard, Newton Methods
-for Nonlinear Problems, 2011, Sec. 3.3).
+Each increment of the drives is searched by Newton's method (`increment`). One is halved when it fails, and
+when it leaves the path: where t₀ and t₁ are the motions that the increment asks for by the tangents at its
+ends, a smooth path has moved by (t₀ + t₁)/2 up to third order; one on which something begins to touch has
+after some halving; a body that has snapped is elsewhere. Where no increment is short enough the path has
+ended, at a limit load: there the body flows to the next stable equilibrium, and the search goes on from it.
 
-An increment of the drives is halved when it fails, and when it leaves the path: where t₀ and t₁ are the
-motions that the increment asks for by the tangents at its ends, a smooth path has moved by (t₀ + t₁)/2 up to
-third order; one on which something begins to touch has after some halving; a body that has snapped is
-elsewhere. The result is differentiated implicitly, in both modes and to any order, in
-body, loads and drives.
+A body's weight is continued along with the drives, from that part of it which the start carries already. The
+result is differentiated implicitly, in both modes and to any order, in body, loads and drives.
 """
 
 import equinox as eqx
@@ -19,26 +16,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.body.base import AbstractBody
+from softfuse.mechanics.increment import Increment, Target, first_drag, search
 from softfuse.mechanics.interface import slopes, stiffness
 from softfuse.mechanics.linear_solver import AbstractLinearSolver, Solve, tangent_inverse
-from softfuse.mechanics.linearised import (
-    coupled,
-    linearise,
-    loaded_tangents,
-    settled_on,
-    stiffness_map,
-    unbalanced,
-)
+from softfuse.mechanics.linearised import loaded_tangents, stiffness_map, unbalanced
 from softfuse.mechanics.load import HeldLoads, Loads
 from softfuse.mechanics.solution import RESULTS, Solution, State, Stats
-
-_SMALLEST_DAMPING = 1 / 64
 
 _LARGEST_DEPARTURE = 0.55
 """Part of an increment's motion by which it may miss the mean of its tangents."""
 
-_SOFTENED = 3.0
-"""So many times softer than at the first increment, a path that ends is taken to end at a limit load."""
+_FLOW_INCREMENT = 4.0
+"""So many of the shortest increments lie between where a path ends and the load at which the body flows."""
 
 
 class Newton(eqx.Module):
@@ -46,157 +35,99 @@ class Newton(eqx.Module):
 
     linear: AbstractLinearSolver
     step_tolerance: float = eqx.field(static=True, default=1e-9)
-    max_iterations: int = eqx.field(static=True, default=12)
+    max_iterations: int = eqx.field(static=True, default=25)
     max_load_steps: int = eqx.field(static=True, default=60)
     smallest_load_step: float = eqx.field(static=True, default=1 / 256)
-
-
-class _Iterate(eqx.Module):
-    state: State
-    first: tuple[Float[Array, " n"], Float[Array, " n"]]  # Newton step, and its part due to the drives
-    along: Float[Array, " n"]  # what the drives' increment moves by the last tangent
-    left: Float[Array, ""]
-    count: Int[Array, ""]
-    damping: Float[Array, ""]
-    inverted: Bool[Array, ""]
 
 
 class _March(eqx.Module):
     state: State
     reached: Float[Array, ""]
     increment: Float[Array, ""]
+    flows: Bool[Array, ""]
+    ended: Bool[Array, ""]
+    inverted: Bool[Array, ""]
     iterations: Int[Array, ""]
     accepted: Int[Array, ""]
     attempts: Int[Array, ""]
-    inverted: Bool[Array, ""]
-    first_softness: Float[Array, ""]
-    softness: Float[Array, ""]
-    jumped: Bool[Array, ""]
+    snaps: Int[Array, ""]
 
 
-def _iterate(newton: Newton, body: AbstractBody, loads: Loads, change: Array, at: _Iterate) -> _Iterate:
-    # Each iteration solves only for what is out of balance, so that a rough factor serves.
-    solver, state = newton.linear.rough(), at.state
-    factor = solver.factor(loaded_tangents(body, loads, state))
-
-    def inverse(b):
-        return solver.solve(factor, b)
-
-    linear = linearise(body, loads, inverse, state)
-    held = linear.held
-    settled, y = settled_on(linear, state)
-    slope = slopes(held, (settled.force, settled.internal), y, state.drive)
-    force = held.force(settled.force, y)
-    system = coupled(loads, linear, slope)
-    step = linear.step(settled.force)
-    towards = jnp.linalg.solve(system.whole, -slope.drive @ change)
-    along = linear.response @ towards[: settled.force.shape[0]]
-    length = jnp.where(settled.found, jnp.max(jnp.abs(body.motion(step))), jnp.nan)
-
-    def moved(damping):
-        return State(
-            state.z + damping * step,
-            state.force + damping * (force - state.force),
-            state.internal + damping * (settled.internal - state.internal),
-            state.drive,
-        )
-
-    def rejected(damping):
-        trial = moved(damping)
-        flipped = ~(jnp.min(body.volume_ratios(trial.z)) > 0)
-        missing = loads.equations(trial.force, trial.internal, loads.values(body, trial.z), trial.drive)
-        left = unbalanced(body, loads, trial)
-        correction, _ = system.respond(inverse(-left[:, None]), -missing[:, None])
-        small = jnp.max(jnp.abs(body.motion(correction))) <= jnp.maximum(
-            (1 - damping / 4) * length, newton.step_tolerance
-        )
-        return flipped, flipped | ~small
-
-    def halve(carry):
-        damping, flipped, _ = carry
-        flips, refused = rejected(damping / 2)
-        return damping / 2, flipped | flips, refused
-
-    # From twice the whole step: what is in a loop is compiled once.
-    before = jnp.array(2.0), jnp.array(False), jnp.array(True)
-    damping, flipped, _ = jax.lax.while_loop(
-        lambda carry: carry[2] & (carry[0] >= _SMALLEST_DAMPING), halve, before
-    )
-    # A step that was damped is not the last one, however short.
-    left = jnp.where(damping == 1.0, length, jnp.maximum(length, 2 * newton.step_tolerance))
-    first = jax.tree.map(lambda new, old: jnp.where(at.count == 0, new, old), (step, along), at.first)
-    return _Iterate(moved(damping), first, along, left, at.count + 1, damping, flipped)
-
-
-def _increment(
-    newton: Newton, body: AbstractBody, loads: Loads, start: State, change: Array
-) -> tuple[_Iterate, Array, Array]:
-    """Newton's method at the drives of `start`, by which these have changed: its end, whether it converged,
-    and by which part of its motion it missed the mean of its tangents.
-    """
-
-    def unfinished(at: _Iterate):
-        alive = (at.damping >= _SMALLEST_DAMPING) & ~jnp.isnan(at.left)
-        return alive & (at.count < newton.max_iterations) & ~(at.left <= newton.step_tolerance)
-
-    still = jnp.zeros(body.n)
-    first = _Iterate(
-        start, (still, still), still, jnp.array(jnp.inf), jnp.array(0), jnp.array(1.0), jnp.array(False)
-    )
-    last = jax.lax.while_loop(unfinished, lambda at: _iterate(newton, body, loads, change, at), first)
-    done = (last.left <= newton.step_tolerance) & ~last.inverted
+def _departure(body: AbstractBody, start: State, end: Increment, tolerance: float) -> Float[Array, ""]:
+    """By which part of its motion an increment missed the mean of its tangents."""
 
     def size(motion):
         return jnp.linalg.norm(body.motion(motion))
 
-    (step, begin), went = last.first, last.state.z - start.z
+    (step, begin), went = end.first, end.state.z - start.z
     # What the first step settled was not of the drives' doing.
-    missed = size(went - (step - begin) - (begin + last.along) / 2)
-    return last, done, missed / (size(went) + newton.step_tolerance)
+    missed = size(went - (step - begin) - (begin + end.along) / 2)
+    return missed / (size(went) + tolerance)
+
+
+def _carried(body: AbstractBody, loads: Loads, start: State) -> Float[Array, ""]:
+    """Which part of a body's weight its start carries already, by least squares: 0 at rest, 1 in balance."""
+    size = body.weight @ body.weight
+    missing = body.weight @ unbalanced(body, loads, start) / jnp.where(size > 0, size, 1.0)
+    return jnp.where(size > 0, jnp.clip(1.0 + missing, 0.0, 1.0), 1.0)
 
 
 def _march(newton: Newton, body: AbstractBody, loads: Loads, drive: Array, start: State) -> Solution:
-    initial = start.drive
+    initial, carried = start.drive, _carried(body, loads, start)
+
+    def part(reached):
+        """The drives and the body on the way."""
+        drives = jnp.where(reached < 1.0, initial + reached * (drive - initial), drive)
+        share = jnp.where(reached < 1.0, carried + reached * (1.0 - carried), 1.0)
+        return drives, eqx.tree_at(lambda b: b.weight, body, share * body.weight)
 
     def attempt(at: _March) -> _March:
         reached = jnp.minimum(at.reached + at.increment, 1.0)
-        part = jnp.where(reached < 1.0, initial + reached * (drive - initial), drive)
-        aim = eqx.tree_at(lambda s: s.drive, at.state, part)
-        end, balanced, departure = _increment(newton, body, loads, aim, part - at.state.drive)
-        done = balanced & (departure <= _LARGEST_DEPARTURE)
-        softness = jnp.linalg.norm(body.motion(end.along)) / (reached - at.reached)
-        first = jnp.where(at.accepted == 0, softness, at.first_softness)
-        state = jax.tree.map(lambda new, old: jnp.where(done, new, old), end.state, at.state)
+        drives, weighing = part(reached)
+        change = (reached - at.reached) * (1.0 - carried) * body.weight
+        end = search(
+            newton.linear,
+            weighing,
+            loads,
+            at.state,
+            Target(drives, drives - at.state.drive, change),
+            drag=jnp.where(at.flows, first_drag(body), 0.0),
+            tolerance=newton.step_tolerance,
+            max_iterations=newton.max_iterations,
+        )
+        on_path = _departure(body, at.state, end, newton.step_tolerance) <= _LARGEST_DEPARTURE
+        done = end.found & (on_path | at.flows)
+        increment = at.increment * jnp.where(done, 2.0, 0.5)
+        shortest = newton.smallest_load_step
+        path_ends = ~done & ~at.flows & (increment < shortest) & ~end.inverted
+        failed = ~done & (at.flows | (increment < shortest)) & ~path_ends
         return _March(
-            state,
+            jax.tree.map(lambda new, old: jnp.where(done, new, old), end.state, at.state),
             jnp.where(done, reached, at.reached),
-            at.increment * jnp.where(done, 2.0, 0.5),
+            jnp.where(path_ends, _FLOW_INCREMENT * shortest, increment),
+            path_ends,
+            failed,
+            end.inverted & ~done,
             at.iterations + end.count,
             at.accepted + done,
             at.attempts + 1,
-            ~done & (at.inverted | end.inverted),
-            jnp.where(done, first, at.first_softness),
-            jnp.where(done, softness, at.softness),
-            ~done & (at.jumped | balanced),
+            at.snaps + (done & at.flows),
         )
 
     def unfinished(at: _March):
-        return (
-            (at.reached < 1.0)
-            & (at.increment >= newton.smallest_load_step)
-            & (at.attempts < newton.max_load_steps)
-        )
+        return (at.reached < 1.0) & ~at.ended & (at.attempts < newton.max_load_steps)
 
-    zero, none, no = jnp.array(0), jnp.array(0.0), jnp.array(False)
-    first = _March(start, none, jnp.array(1.0), zero, zero, zero, no, none, none, no)
+    zero, no = jnp.array(0), jnp.array(False)
+    first = _March(start, jnp.array(0.0), jnp.array(1.0), no, no, no, zero, zero, zero, zero)
     last = jax.lax.while_loop(unfinished, attempt, first)
     failed = RESULTS.where(last.inverted, RESULTS.inverted, RESULTS.diverged)
-    limit = last.jumped | (last.softness > _SOFTENED * last.first_softness)
-    failed = RESULTS.where(limit, RESULTS.snapped, failed)
     failed = RESULTS.where(last.attempts >= newton.max_load_steps, RESULTS.step_limit, failed)
-    result = RESULTS.where(last.reached >= 1.0, RESULTS.converged, failed)
-    left = jnp.max(jnp.abs(body.forces(unbalanced(body, loads, last.state))))
-    return Solution(last.state, result, Stats(last.iterations, last.accepted, left))
+    found = RESULTS.where(last.snaps > 0, RESULTS.snapped, RESULTS.converged)
+    result = RESULTS.where(last.reached >= 1.0, found, failed)
+    left = unbalanced(part(last.reached)[1], loads, last.state)
+    residual = jnp.max(jnp.abs(body.forces(left)))
+    stats = Stats(last.iterations, last.accepted, last.snaps, last.reached, residual)
+    return Solution(last.state, result, stats)
 
 
 @eqx.filter_custom_jvp
@@ -231,10 +162,14 @@ def _equilibrium_jvp(primals, tangents):
     z_dot = relaxed + response @ x_dot[:q]
     force_dot = x_dot[:q] - loads.supports * (rows[:, loads.carrying].T @ z_dot)
     none = jax.tree.map(lambda _: None, solution)
+
+    def stats(solution):
+        return solution.stats.reached, solution.stats.residual
+
     tangent = eqx.tree_at(
-        lambda s: (s.state.z, s.state.force, s.state.internal, s.state.drive, s.stats.residual),
+        lambda s: (s.state.z, s.state.force, s.state.internal, s.state.drive, *stats(s)),
         none,
-        (z_dot, force_dot, x_dot[q:], drive_dot, jnp.zeros_like(solution.stats.residual)),
+        (z_dot, force_dot, x_dot[q:], drive_dot, *(jnp.zeros_like(each) for each in stats(solution))),
         is_leaf=lambda leaf: leaf is None,
     )
     return solution, tangent

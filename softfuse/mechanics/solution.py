@@ -12,17 +12,15 @@ class RESULTS(eqx.Enumeration):
     """How a solve ended; data inside jit, turned into words or an exception at the edge."""
 
     converged = "converged"
+    snapped = "snapped: on the way the body jumped to another shape, and this is the equilibrium after it"
     diverged = "diverged: no load step converged; the body may have collapsed, or cannot carry the load"
-    snapped = (
-        "snap: with a little more load the body jumps to another shape; what is given is the last before"
-    )
     inverted = (
         "inverted element: the load turns an element inside out; refine the mesh there or lower the load"
     )
     step_limit = "step limit: more load steps are needed; raise max_load_steps"
 
 
-_NAMES = ("converged", "diverged", "snapped", "inverted", "step_limit")
+_NAMES = ("converged", "snapped", "diverged", "inverted", "step_limit")
 
 
 def result_name(result: RESULTS) -> str:
@@ -49,12 +47,15 @@ class State(eqx.Module):
 
 
 class Stats(eqx.Module):
-    """What a solve took: Newton iterations, accepted load steps, and the largest unbalanced nodal force [N]
-    at its end.
+    """What a solve took: Newton iterations, accepted load steps, those of them in which the body snapped;
+    which part of the way from the start to its drives, and to its whole weight, it has come, and the largest
+    unbalanced nodal force [N] there.
     """
 
     newton_iterations: Int[Array, ""]
     load_steps: Int[Array, ""]
+    snaps: Int[Array, ""]
+    reached: Float[Array, ""]
     residual: Float[Array, ""]
 
 

@@ -1,7 +1,8 @@
 """Enclosed volumes as ports: their conjugate forces are the gauge pressures inside.
 
 A pressure follows the surface: its nodal forces p ∂V/∂z turn with it, which adds −p ∂²V/∂z² to the tangent,
-face by face and therefore within the elements that the faces belong to.
+face by face and therefore within the elements that the faces belong to. Of an open cavity that holds while
+the apex of its cap does not move, so its rim has to be held, as the fitting of a tube holds it.
 """
 
 import jax
@@ -23,7 +24,11 @@ class VolumePorts(AbstractPorts):
 
     @classmethod
     def of(cls, cavities: tuple[Cavity, ...], body: AbstractBody) -> "VolumePorts":
-        """The cavities of a body. Raises MeshError when a face belongs to none of its elements."""
+        """The cavities of a body. Raises MeshError when a face belongs to none of its elements, or the rim of
+        an open cavity can move.
+        """
+        for cavity in cavities:
+            _check_rim(cavity, body)
         return cls(cavities, tuple(_owners(np.asarray(cavity.faces), body) for cavity in cavities))
 
     def values(self, body, z):
@@ -40,7 +45,8 @@ class VolumePorts(AbstractPorts):
         positions = body.rest + body.watched(z)
         for cavity, element, pressure in zip(self.cavities, self.elements, force, strict=True):
             s = cavity.faces.shape[1]
-            bend = jax.vmap(jax.hessian(cone_volume))(positions[cavity.faces]).reshape(-1, 3 * s, 3 * s)
+            bend = jax.vmap(jax.hessian(cone_volume))(positions[cavity.faces] - cavity.apex(positions))
+            bend = bend.reshape(-1, 3 * s, 3 * s)
             tangents = body.stiffened(tangents, element, cavity.faces, -pressure * bend)
         return tangents
 
@@ -58,6 +64,17 @@ class VolumePorts(AbstractPorts):
             return jnp.stack([cavity(rigid) for cavity in self.cavities])
 
         return jax.jacfwd(moved)(jnp.zeros(6)).T
+
+
+def _check_rim(cavity: Cavity, body: AbstractBody) -> None:
+    pulls = jnp.broadcast_to(jnp.eye(3), (*cavity.rim.shape, 3, 3))
+    if cavity.rim.size and bool(jnp.any(body.spread(cavity.rim, pulls))):
+        middle = np.asarray(body.rest)[np.asarray(cavity.rim)].mean(axis=0)
+        raise MeshError(
+            f"the rim of the cavity that opens at {(1e3 * middle).round(2).tolist()} mm can move, so that "
+            "gas under pressure has nothing to hold its cap: hold the rim, as the fitting of a tube does, or "
+            "close the cavity"
+        )
 
 
 def _owners(faces: Int[np.ndarray, "f s"], body: AbstractBody) -> Int[Array, " f"]:

@@ -1,25 +1,33 @@
 """Meshes and surfaces in files.
 
-Tetrahedra: everything that meshio reads (VTK, VTU, Gmsh, XDMF, MED, Abaqus ...). Surfaces: STL, OBJ, PLY,
-OFF, through trimesh.
+Solid cells: everything that meshio reads (VTK, VTU, XDMF, MED, medit ...), Gmsh and Abaqus; what is no
+tetrahedron is cut into some (`cells`). Surfaces: STL, OBJ, PLY, OFF, through trimesh.
 
 XDMF and MED files go through h5py. The order of nodes in a quadratic tetrahedron is meshio's tetra10 (VTK's)
 whatever the file format. Material regions are taken from the cell data "region", else from a Gmsh file's
-physical groups, else from MED's "cell_tags"; without any of them the whole body is region 0.
+physical groups, else from MED's "cell_tags" or medit's references; cells without any are region 0.
 """
 
 import contextlib
 import io
+import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from softfuse.errors import MeshError
+from softfuse.mesh.abaqus import read_abaqus
+from softfuse.mesh.cells import Block, tetrahedra
+from softfuse.mesh.file_kind import check_ending
+from softfuse.mesh.gmsh import is_gmsh_41, read_gmsh_41
+from softfuse.mesh.groups import TAGS, file_groups
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.shell import Shell, checked
-from softfuse.mesh.tetmesh import TetMesh, tet_mesh
+from softfuse.mesh.tetmesh import TetMesh
 
-_REGION_NAMES = ("region", "gmsh:physical", "cell_tags", "medit:ref")
+log = logging.getLogger(__name__)
+
 _CELLS = {1: "tetra", 2: "tetra10"}
 _WRITTEN = {".vtu": "vtu", ".vtk": "vtk", ".msh": "gmsh", ".xdmf": "xdmf"}
 """File endings and meshio's names of the formats that keep both orders, the regions and all fields."""
@@ -39,23 +47,32 @@ _UNREADABLE = (
 
 
 def read_mesh(path: str | Path, *, scale: float = 1.0) -> TetMesh:
-    """The tetrahedra of a mesh file, in the accepted form (see `oriented`); other cells are ignored.
+    """The solid cells of a mesh file as tetrahedra in the accepted form (see `oriented`), with its groups.
 
-    scale: metres per unit of the file, 1e-3 for a file in millimetres. Raises MeshError when the file is
-    missing, unreadable, holds no tetrahedra or mixes linear and quadratic ones, and where `oriented` does.
+    scale: metres per unit of the file, 1e-3 for a file in millimetres. Cells of lower dimension count in
+    groups only. Raises MeshError when the file is missing, unreadable, of another format than its ending
+    says, holds no solid cells or some that cannot be cut, and where `tetrahedra` and `oriented` do.
     """
-    raw = _raw(Path(path))
-    blocks = [(k, block) for k, block in enumerate(raw.cells) if block.type in _CELLS.values()]
-    kinds = {block.type for _, block in blocks}
-    if not kinds:
+    path = Path(path)
+    raw = _raw(path)
+    tags = next((raw.cell_data[name] for name in TAGS if name in raw.cell_data), None)
+    regions = [np.zeros(len(b.data), int) for b in raw.cells] if tags is None else [np.ravel(t) for t in tags]
+    blocks = [
+        Block(block.type, np.asarray(block.data), region)
+        for block, region in zip(raw.cells, regions, strict=True)
+        if _is_solid(block.type)
+    ]
+    if not blocks:
         held = ", ".join(sorted({block.type for block in raw.cells})) or "no cells"
         raise MeshError(f"{path} holds no tetrahedra, only {held}: export the volume mesh with tetrahedra")
-    if len(kinds) > 1:
-        raise MeshError(f"{path} mixes linear and quadratic tetrahedra: export one kind of them")
-    region = next((raw.cell_data[name] for name in _REGION_NAMES if name in raw.cell_data), None)
-    tets = np.concatenate([block.data for _, block in blocks])
-    numbers = None if region is None else np.concatenate([np.ravel(region[k]) for k, _ in blocks])
-    return oriented(tet_mesh(scale * np.asarray(raw.points, float), tets, region=numbers))
+    try:
+        mesh = tetrahedra(scale * np.asarray(raw.points, float), blocks)
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from error
+    untagged = int((mesh.region == 0).sum())
+    if tags is not None and 0 < untagged < len(mesh.tets):
+        log.warning("%s: %d of %d tetrahedra are in no group: region 0", path, untagged, len(mesh.tets))
+    return oriented(replace(mesh, groups=file_groups(raw, mesh)))
 
 
 def write_mesh(
@@ -104,6 +121,7 @@ def read_surface(path: str | Path, *, scale: float = 1.0) -> Shell:
     path = Path(path)
     if not path.is_file():
         raise MeshError(f"there is no file {path}: correct the path")
+    check_ending(path)
     try:
         raw = trimesh.load_mesh(path, process=False)
     except _UNREADABLE as error:
@@ -134,12 +152,23 @@ def _check_fields(data: dict[str, np.ndarray], count: int, place: str) -> None:
             raise MeshError(f"the field '{name}' has {len(values)} values for {count} {place}: give one each")
 
 
+def _is_solid(kind: str) -> bool:
+    from meshio._mesh import topological_dimension
+
+    return kind.startswith("polyhedron") or topological_dimension.get(kind, 3) == 3
+
+
 def _raw(path: Path):
     """The file as meshio reads it; what meshio prints on the way becomes part of the error."""
     import meshio
 
     if not path.is_file():
         raise MeshError(f"there is no file {path}: correct the path")
+    check_ending(path)
+    if path.suffix.lower() == ".inp":
+        return read_abaqus(path)
+    if is_gmsh_41(path):
+        return read_gmsh_41(path)
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said), contextlib.redirect_stdout(said):

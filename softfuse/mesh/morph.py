@@ -10,6 +10,8 @@ Of a quadratic mesh, nodes in the middle of edges are given d too where they lie
 their ends elsewhere: curved walls keep their shape, a quadric stays one.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import csr_array
@@ -18,7 +20,7 @@ from scipy.sparse.linalg import splu
 from softfuse.errors import MeshError
 from softfuse.mesh.orientation import check
 from softfuse.mesh.surface import cavities, outer_surface
-from softfuse.mesh.tetmesh import EDGES, TetMesh, linear, tet_mesh, volumes
+from softfuse.mesh.tetmesh import EDGES, TetMesh, linear, volumes
 
 
 def moved_cavities(
@@ -51,7 +53,7 @@ def reshaped_cavities(
     displacement = np.einsum("ki,kn->ni", shifts, fields[:, 0]) + np.einsum(
         "ki,kin->ni", growths, fields[:, 1:]
     )
-    moved = tet_mesh(mesh.nodes + displacement, mesh.tets, region=mesh.region)
+    moved = replace(mesh, nodes=mesh.nodes + displacement)
     try:
         check(moved)
     except MeshError as error:

@@ -7,6 +7,7 @@ overlap: such a mesh is folded, and exchanging nodes would only hide it.
 """
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Int
@@ -36,7 +37,7 @@ def oriented(mesh: TetMesh) -> TetMesh:
     if negative.any():
         log.info("flipped %d of %d tets, whose volume was negative", negative.sum(), len(negative))
         tets = np.where(negative[:, None], mesh.tets[:, _SWAP[: mesh.tets.shape[1]]], mesh.tets)
-        mesh = tet_mesh(mesh.nodes, tets, region=mesh.region)
+        mesh = replace(mesh, tets=tets)
     check(mesh)
     return mesh
 
@@ -154,6 +155,8 @@ def _corners_first(mesh: TetMesh) -> TetMesh:
     keep = np.concatenate([corner, middle])
     if len(keep) < len(mesh.nodes):
         log.info("dropped %d nodes that no tetrahedron uses", len(mesh.nodes) - len(keep))
-    number = np.zeros(len(mesh.nodes), np.int32)
+    number = np.full(len(mesh.nodes), -1, np.int32)
     number[keep] = np.arange(len(keep))
-    return tet_mesh(mesh.nodes[keep], number[mesh.tets], region=mesh.region)
+    pairs = {name: number[of] for name, of in mesh.groups.items()}
+    groups = {name: of[((of >= 0) & (of < len(corner))).all(axis=1)] for name, of in pairs.items()}
+    return replace(tet_mesh(mesh.nodes[keep], number[mesh.tets], region=mesh.region), groups=groups)

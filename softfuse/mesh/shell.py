@@ -4,7 +4,7 @@ A shell is closed when each edge belongs to two triangles, and consistently woun
 opposite directions. Connected parts may lie inside each other: the outermost has its normals outwards, a part
 inside one other is a cavity and has them inwards (out of the material), and so on by depth; the winding
 number of all parts together is then 1 in the material and 0 elsewhere. Files differ in how they wind
-cavities, so `checked` winds them by depth.
+cavities, so `checked` winds them by depth. Parts that cross or touch are united first (`overlap`).
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from softfuse.errors import MeshError
-from softfuse.mesh.surface import boundary_faces, enclosed_volume, winding_number
+from softfuse.mesh.overlap import nested_parts, united
+from softfuse.mesh.surface import boundary_faces, enclosed_volume
 from softfuse.mesh.tetmesh import TetMesh
 
 _MERGE = 1e-6
@@ -34,21 +35,22 @@ def checked(nodes: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> S
     """A shell from triangles in m: equal corners merged, closed, normals out of the material.
 
     Raises MeshError when the surface is empty, not finite, has open edges, edges of more than two triangles,
-    is wound inconsistently, or a part of it encloses no volume.
+    is wound inconsistently, or a part of it encloses no volume; and as `nested_parts` does.
     """
     nodes, faces = _merged(np.asarray(nodes, float), np.asarray(faces, np.int64))
     _check_closed(nodes, faces)
     turned = faces.copy()
     parts = _parts(faces)
+    volume = [enclosed_volume(nodes, faces[part]) for part in parts]
     for k, part in enumerate(parts):
-        volume = enclosed_volume(nodes, faces[part])
         extent = np.ptp(nodes[faces[part]].reshape(-1, 3), axis=0).max()
-        if abs(volume) < 1e-9 * extent**3:
+        if abs(volume[k]) < 1e-9 * extent**3:
             raise MeshError(f"part {k} of the surface at {nodes[faces[part][0, 0]]} m is flat: remove it")
-        inside = nodes[faces[part][:1, 0]]
-        others = [p for j, p in enumerate(parts) if j != k]
-        depth = sum(abs(winding_number(inside, nodes, faces[p])[0]) > 0.5 for p in others)
-        if (volume > 0.0) != (depth % 2 == 0):
+    inside, groups = nested_parts(nodes, [faces[part] for part in parts], volume)
+    if groups:
+        return checked(*united(nodes, [faces[part] for part in parts], volume, groups))
+    for k, part in enumerate(parts):
+        if (volume[k] > 0.0) != (inside[k].sum() % 2 == 0):
             turned[part] = faces[part][:, ::-1]
     return Shell(nodes, turned.astype(np.int32))
 

@@ -151,7 +151,7 @@ def _skin_and_cavities(mesh: TetMesh) -> tuple[Surface, list[Surface]]:
     if len(skins) != 1:
         places = "; ".join(str((1e3 * centroid(mesh.nodes, s.faces)).round(2)) for s in skins[:4])
         raise MeshError(
-            f"the mesh falls into {len(skins)} parts that do not touch, centred at {places} mm: "
-            "join them or keep one"
+            f"the mesh falls into {len(skins)} parts without a common face, centred at {places} mm: join "
+            "them so that their nodes and faces match, or keep one"
         )
     return skins[0], [part.turned() for part, volume in zip(parts, enclosed, strict=True) if volume < 0.0]

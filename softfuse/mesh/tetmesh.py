@@ -9,7 +9,8 @@ linear field (the pressure of a Taylor-Hood element) lives on nodes[:n_corners].
 Source: VTK file formats, https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -27,11 +28,15 @@ FACES6 = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [
 
 @dataclass(frozen=True, eq=False)
 class TetMesh:
-    """Nodes (n, 3) in metres, tetrahedra (m, 4) or (m, 10), and the material region (m,) of each."""
+    """Nodes (n, 3) in metres, tetrahedra (m, 4) or (m, 10), and the material region (m,) of each.
+
+    groups: pairs of corners (e, 2), by the names that a file gives them (softfuse/mesh/groups.py).
+    """
 
     nodes: Float[np.ndarray, "n 3"]
     tets: Int[np.ndarray, "m k"]
     region: Int[np.ndarray, " m"]
+    groups: Mapping[str, Int[np.ndarray, "e 2"]] = field(default_factory=dict)
 
     @property
     def order(self) -> int:
@@ -91,11 +96,12 @@ def quadratic(mesh: TetMesh) -> TetMesh:
     unique, place = np.unique(pairs[:, 0] * count + pairs[:, 1], return_inverse=True)
     middle = 0.5 * (mesh.nodes[unique // count] + mesh.nodes[unique % count])
     tets = np.hstack([mesh.tets, count + place.reshape(-1, 6)])
-    return tet_mesh(np.vstack([mesh.nodes, middle]), tets, region=mesh.region)
+    return replace(tet_mesh(np.vstack([mesh.nodes, middle]), tets, region=mesh.region), groups=mesh.groups)
 
 
 def linear(mesh: TetMesh) -> TetMesh:
     """The mesh of the corners alone; curved edges become straight."""
     if mesh.order == 1:
         return mesh
-    return tet_mesh(mesh.nodes[: mesh.n_corners], mesh.corners, region=mesh.region)
+    corners = tet_mesh(mesh.nodes[: mesh.n_corners], mesh.corners, region=mesh.region)
+    return replace(corners, groups=mesh.groups)

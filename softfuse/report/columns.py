@@ -112,6 +112,8 @@ class Columns:
             for _ in range(contact.at_once)
         )
         """The places with names of each slot."""
+        self.places = tuple(settings.places)
+        """All places that have names; their numbers are those of truth columns."""
         self.cables = safe_names(cable.name for cable in settings.cables)
         self.chambers = safe_names(chamber.name for chamber in settings.chambers)
         self.points = safe_names(point.name for point in settings.points)

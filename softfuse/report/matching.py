@@ -1,4 +1,5 @@
-"""Which of several contacts that were found is which of those that truly are there: those that are nearest together.
+"""Which of several contacts that were found is which of those that truly are there: those that are nearest
+together.
 
 In each sample true and found contacts are assigned one to one so that the sum of their distances is least.
 """
@@ -30,9 +31,7 @@ class MatchedContacts:
     misplaced: int
 
 
-def matched_contacts(
-    found: Sequence[Tracked], truth: Truth, slots: Sequence[str]
-) -> MatchedContacts | None:
+def matched_contacts(found: Sequence[Tracked], truth: Truth, slots: Sequence[str]) -> MatchedContacts | None:
     """Of contacts in slots with these names; None where the truth does not know each one's place."""
     known = [slot for slot in slots if f"{slot}_x_mm" in truth.columns and f"{slot}_force_N" in truth.columns]
     if not known:
@@ -55,21 +54,23 @@ def matched_contacts(
         for t, k in zip(np.flatnonzero(true), which, strict=True):
             c = None if k is None else int(there[k])
             rows.append((truth.level[i], *_row(now, c, used), places[i, t], forces[i, t]))
-    level, location, sigma, force, force_sigma, true_at, true_N = (np.array(each) for each in zip(*rows, strict=True))
+    level, location, sigma, force, force_sigma, true_at, true_N = (
+        np.array(each) for each in zip(*rows, strict=True)
+    )
     samples = Samples(level, location, force, true_at, true_N, sigma, force_sigma)
     return MatchedContacts(samples, pressed, missed, misplaced)
 
 
-def _assigned(
-    true: Float[np.ndarray, "t d"], found: Float[np.ndarray, "c d"]
-) -> list[int | None]:
+def _assigned(true: Float[np.ndarray, "t d"], found: Float[np.ndarray, "c d"]) -> list[int | None]:
     """The number of that of the found places which is each true one's (t,), None where there is none."""
     apart = np.linalg.norm(true[:, None] - found, axis=2)
     pairs = dict(zip(*linear_sum_assignment(apart), strict=True))
     return [int(pairs[t]) if t in pairs and apart[t, pairs[t]] < _FAR_M else None for t in range(len(true))]
 
 
-def _row(now: Tracked, contact: int | None, axes: Sequence[int]) -> tuple[np.ndarray, np.ndarray, float, float]:
+def _row(
+    now: Tracked, contact: int | None, axes: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray, float, float]:
     """Place and its standard deviation, force and its standard deviation of a contact, NaN without one."""
     if contact is None:
         nowhere = np.full(len(axes), np.nan)

@@ -71,7 +71,7 @@ def _forces(study: Study) -> str:
     if not slots:
         return ""
     panels = [_panel(study, "force [N]", ["force_N"], ["all contacts"])]
-    names = study.place_names
+    names = study.columns.places
     if names:
         found = np.stack([study.place(slot) for slot in range(len(slots))], axis=1)
         force = np.array([row.contact_force_N for row in study.found])

@@ -26,8 +26,8 @@ _TIME = Column("time_s", 4)
 
 @dataclass(frozen=True, eq=False)
 class SmoothedRecording:
-    """Of each frame what those up to it say, `filtered`, and what all frames of its touch do, `smoothed`, of a
-    robot with such columns, of whose readings those of some numbers drift.
+    """Of each frame what those up to it say, `filtered`, and what all frames of its touch do, `smoothed`, of
+    a robot with such columns, of whose readings those of some numbers drift.
     """
 
     filtered: list[Smoothed]
@@ -62,12 +62,17 @@ class SmoothedRecording:
         slots = self.columns.slots
         columns = [_TIME, *smoothed_columns(slots, "filtered_"), *smoothed_columns(slots, "smoothed_")]
         for name, unit in self._drifting():
-            columns += [Column(f"{name}_{what}_{unit.suffix}", unit.digits) for what in ("drift", "drift_sigma")]
+            columns += [
+                Column(f"{name}_{what}_{unit.suffix}", unit.digits) for what in ("drift", "drift_sigma")
+            ]
         with path.open("w", newline="") as stream:
             writer = csv.writer(stream)
             writer.writerow([*(each.name for each in columns), "outliers"])
             for now, whole in zip(self.filtered, self.smoothed, strict=True):
-                values = [now.time_s, *(v for each in (now, whole) for v in smoothed_values(each, len(slots)))]
+                values = [
+                    now.time_s,
+                    *(v for each in (now, whole) for v in smoothed_values(each, len(slots))),
+                ]
                 values += self._drifts([whole]).ravel().tolist()
                 told = [each.written(value) for each, value in zip(columns, values, strict=True)]
                 writer.writerow([*told, "; ".join(self._outliers(now))])

@@ -1,8 +1,8 @@
 """What the frames of a recording say about a robot: columns, errors against truth, shapes worth keeping.
 
-A study sees every frame and can then be asked. Whatever part a robot has, and whatever the recording knows about it,
-is compared: places and forces of contacts (Tables I and II of Navarro et al. 2020), forces at places with names,
-contacts that are missed and forces that are none, positions of points (Table III).
+A study sees every frame and can then be asked. Whatever part a robot has, and whatever the recording knows
+about it, is compared: places and forces of contacts (Tables I and II of Navarro et al. 2020), forces at
+places with names, contacts that are missed and forces that are none, positions of points (Table III).
 """
 
 import math
@@ -135,15 +135,29 @@ class Study:
 
     @cached_property
     def sampled(self) -> Int[np.ndarray, " s"]:
-        """The frames (s,) at which place and force of the contacts are known and something presses."""
+        """The frames (s,) at which place and force of the contacts are known and something presses; none where
+        these are at places with names.
+        """
+        if any(self.columns.named):
+            return np.zeros(0, int)
         at = self.truth.samples([*self._axes, "force_N"])
         return at[self.truth.get("force_N")[at] > 0] if at.size else at
 
     @property
     def _axes(self) -> list[str]:
-        """Columns of the middle that the truth knows: two where contacts are seen along one direction."""
-        known = [f"{axis}_mm" for axis in "xyz" if f"{axis}_mm" in self.truth.columns]
+        """Columns of the middle that the truth knows: two where contacts are seen along one axis."""
+        known = [f"{axis}_mm" for axis in self._seen_along if f"{axis}_mm" in self.truth.columns]
         return known if len(known) > 1 else ["x_mm", "y_mm"]
+
+    @property
+    def _seen_along(self) -> list[str]:
+        """The axes along which contacts differ: two where all have coordinates in one plane of them."""
+        charts = [contact.chart for contact in self.robot.parts.contacts.values()]
+        used = np.zeros(3, bool)
+        for chart in charts:
+            directions = np.eye(3) if chart is None else np.asarray(chart.place(np.zeros(2)))[1:]
+            used |= np.any(np.abs(directions) > 1e-9, axis=0)
+        return [axis for axis, there in zip("xyz", used, strict=True) if there]
 
     @property
     def samples(self) -> Samples | None:
@@ -168,7 +182,9 @@ class Study:
     @property
     def matched(self):
         """Contacts of which each has a true place of its own, beside those that were found."""
-        return None if any(self.columns.named) else matched_contacts(self.found, self.truth, self.columns.slots)
+        return (
+            None if any(self.columns.named) else matched_contacts(self.found, self.truth, self.columns.slots)
+        )
 
     @property
     def contact_samples(self) -> ContactSamples | None:
@@ -179,20 +195,13 @@ class Study:
             return None
         found = np.stack([self.place(slot) for slot in range(len(self.columns.slots))], axis=1)
         force = np.array([row.contact_force_N for row in self.found])
-        return ContactSamples(
-            truth.level[at], found[at], force[at], truth.place[at], truth.contact_N[at]
-        )
-
-    @property
-    def place_names(self) -> list[str]:
-        """The names of all places that have one; their numbers are those of `Truth.place`."""
-        return list(dict.fromkeys(name for named in self.columns.named for name in named))
+        return ContactSamples(truth.level[at], found[at], force[at], truth.place[at], truth.contact_N[at])
 
     def place(self, slot: int) -> Int[np.ndarray, " n"]:
         """The numbers (n,) of the named places of a contact, `NOWHERE` where it does not touch."""
         if not self.columns.named[slot]:
             return np.full(len(self.found), NOWHERE)
-        number = {name: k for k, name in enumerate(self.place_names)} | {"": NOWHERE}
+        number = {name: k for k, name in enumerate(self.columns.places)} | {"": NOWHERE}
         return np.array([number[each] for each in self.texts(f"{self.columns.slots[slot]}_place")], int)
 
     @property
@@ -271,7 +280,9 @@ def contact_errors(samples: Samples, key: str = "", of: str = "") -> list[ErrorT
     location = scaled(location_table(samples), 1e3)
     force = scaled(force_table(samples), 100.0)
     return [
-        ErrorTable(f"{key}location_error_mm", f"Table I{of}: location error", f"location error{of}", "mm", location),
+        ErrorTable(
+            f"{key}location_error_mm", f"Table I{of}: location error", f"location error{of}", "mm", location
+        ),
         ErrorTable(f"{key}force_error_percent", f"Table II{of}: force error", f"force error{of}", "%", force),
     ]
 

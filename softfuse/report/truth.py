@@ -48,8 +48,7 @@ class Truth:
         given = _named(recording, columns)
         n = len(recording.time_s)
         missing = np.full(n, np.nan)
-        names = [name for name in dict.fromkeys(name for named in columns.named for name in named)]
-        force, place = _contacts(recording, columns, names, given)
+        force, place = _contacts(recording, columns, given)
         _check_points(recording, columns, given)
         depth = recording.columns.get("true_depth_mm")
         return cls(
@@ -113,9 +112,9 @@ def _named(recording: Recording, columns: Columns) -> dict[str, np.ndarray]:
 
 
 def _contacts(
-    recording: Recording, columns: Columns, names: Sequence[str], given: dict[str, np.ndarray]
+    recording: Recording, columns: Columns, given: dict[str, np.ndarray]
 ) -> tuple[Float[np.ndarray, "n t"], Int[np.ndarray, "n t"]]:
-    """Forces and places of the contacts that truly are there; their places are also put among what is given."""
+    """Forces and places of the contacts that truly are there, which are also put among what is given."""
     forces, places = list[np.ndarray](), list[np.ndarray]()
     for k, slot in enumerate(columns.slots):
         force = _first(recording, f"true_{slot}_force_N", f"true_force{k}_N")
@@ -131,10 +130,10 @@ def _contacts(
             place = _first(recording, f"true_{slot}_place", f"true_contact{k}_electrode")
             if place is None:
                 raise RecordingError(
-                    f"the recording {recording.path} lacks the column 'true_{slot}_place': where the force in "
-                    f"{force!r} is"
+                    f"the recording {recording.path} lacks the column 'true_{slot}_place': where the force "
+                    f"in {force!r} is"
                 )
-            places.append(_whole(recording.numbered(place, names, unknown=NOWHERE), NOWHERE))
+            places.append(_whole(recording.numbered(place, columns.places, unknown=NOWHERE), NOWHERE))
     n = len(recording.time_s)
     return (
         np.array(forces).reshape(-1, n).T,

@@ -22,9 +22,9 @@ from softfuse.io.quantity import (
     Volume,
     wrong_value,
 )
-from softfuse.io.settings import Settings, Vector
+from softfuse.io.settings import Direction, ExistingFile, Settings, Vector
 from softfuse.mechanics.cable import PulledCable
-from softfuse.robot.points import Path3
+from softfuse.robot.points import Path3, surface_tolerance
 
 _COMMANDS = {"length": LENGTH, "tension": FORCE, "pressure": PRESSURE}
 """What may be commanded."""
@@ -70,7 +70,9 @@ class CommandSettings(Settings):
 
 class CableSettings(Settings):
     """A cable from pulled_at (3,) m through guides (g, 3) m in the body; its end holds a ball of
-    anchor_radius in m around the last one: a point would sink in without limit as the mesh gets finer.
+    anchor_radius in m around the last one: a point would sink in without limit as the mesh gets finer. Guides up to
+    guide_tolerance in m outside the body are put onto its surface, a tenth of the mesh's mean edge where it is
+    left out.
 
     friction [-]: μ at the guides; compliance in m/N: by how much the cable itself gets longer; max_tension in
     N; command: what it is commanded to, None where that is measured or unknown.
@@ -83,6 +85,7 @@ class CableSettings(Settings):
     friction: Annotated[Number, Ge(0)] = 0.0
     compliance: Annotated[Compliance, Ge(0)] = 0.0
     max_tension: PositiveForce
+    guide_tolerance: Annotated[Length, Ge(0)] | None = None
     command: CommandSettings | None = None
 
     @model_validator(mode="after")
@@ -94,7 +97,8 @@ class CableSettings(Settings):
         return self
 
     def load(self, body: AbstractBody) -> PulledCable:
-        """The cable in a body at rest; raises MeshError for a guide outside it."""
+        """The cable in a body at rest; raises MeshError as `PulledCable.through` does."""
+        within = self.guide_tolerance
         return PulledCable.through(
             body,
             np.array(self.guides),
@@ -102,14 +106,24 @@ class CableSettings(Settings):
             friction=self.friction,
             compliance=self.compliance,
             anchor_radius=self.anchor_radius,
+            within=surface_tolerance(body) if within is None else within,
         )
+
+
+class MouthSettings(Settings):
+    """Where a chamber opens: a point (3,) m in its opening, and the direction (3,) there out of the body."""
+
+    at: Vector
+    outwards: Direction
 
 
 class ChamberSettings(Settings):
     """A chamber: its name, a point (3,) m in it, and its gas: "vented" to the atmosphere, "sealed" in, or
     "driven" to a gauge pressure.
 
-    shift, growth (3,) m: how the chamber that was made differs from the one drawn, in place and in length
+    file: its walls as a closed surface (STL, OBJ, PLY, OFF) in the unit of the body's file; a body of a
+    surface is hollowed by it, the void of one of a mesh has to fit it. mouth: where it opens, None where it is
+    closed (softfuse/mesh/chambers.py). shift, growth (3,) m: how the chamber that was made differs from the one drawn, in place and in length
     along x, y and z. dead_volume in m³: of its tube and port; exponent κ [-] of p V^κ: 1 isothermal, 1.4
     adiabatic air. lowest, highest in Pa: between which gauge pressures it is driven; command: to which, None
     where that is measured or unknown.
@@ -117,6 +131,8 @@ class ChamberSettings(Settings):
 
     name: str
     centre: Vector
+    file: ExistingFile | None = None
+    mouth: MouthSettings | None = None
     gas: Literal["vented", "sealed", "driven"] = "vented"
     shift: Vector = (0.0, 0.0, 0.0)
     growth: Vector = (0.0, 0.0, 0.0)
@@ -128,6 +144,10 @@ class ChamberSettings(Settings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.mouth is not None and (any(self.shift) or any(self.growth)):
+            raise wrong_value(
+                "walls of an open chamber are not moved: leave out shift and growth", key="mouth"
+            )
         if self.gas == "driven":
             if self.highest is None:
                 raise wrong_value(

@@ -2,18 +2,22 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, ClassVar, Literal, Self
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from softfuse.body.stiffness_field import TERMS
+from softfuse.errors import MeshError
 from softfuse.io.quantity import Acceleration, Length, LengthUnit, Number, PositiveLength, wrong_value
-from softfuse.io.settings import ExistingFile, NotEmpty, Settings, Span, Vector
+from softfuse.io.settings import ExistingFile, NotEmpty, Settings, Span, Vector, listed
+from softfuse.mesh.chambers import hollowed
 from softfuse.mesh.drawing import AbstractBlockDrawing
 from softfuse.mesh.files import read_mesh, read_surface
 from softfuse.mesh.finger import FingerGeometry, finger_mesh
 from softfuse.mesh.pad import PadGeometry
+from softfuse.mesh.shell import Shell
 from softfuse.mesh.tetmesh import TetMesh
 from softfuse.mesh.tetrahedralise import tetrahedralise
 from softfuse.robot.chamber_shapes import AnyCavityShape
@@ -35,18 +39,21 @@ class BodySource(Settings):
         return self.model_copy(update={key: getattr(self, key) / times for key in self.edges})
 
     @abstractmethod
-    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
-        """The mesh, linear or not, of the body with cavities at these centres (k, 3) m.
-
-        Raises MeshError when there is no such mesh.
+    def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
+        """The mesh, linear or not, of the body with cavities at these centres (k, 3) m, and with those whose
+        walls come from files. Raises MeshError when there is no such mesh.
         """
 
+    def chamber(self, file: Path) -> Shell:
+        """The walls of a chamber in a file beside the body's; MeshError where the body has no file."""
+        raise MeshError(f"a body of this type is drawn, not read: it has no chambers from files ({file})")
+
     def check_cavities(self, centres: Sequence[Vector]) -> None:
-        """Raise the error of a validator when [[cavity]] asks for centres (k, 3) m that can never be."""
+        """Raise the error of a validator when [[chamber]] asks for centres (k, 3) m that can never be."""
 
 
 class BlockSource(BodySource):
-    """A block of a size (3,) m with cavities where [[cavity]] says; z from 0 at its bottom, x and y centred.
+    """A block of a size (3,) m with cavities where [[chamber]] says; z from 0 at its bottom, x and y centred.
 
     Lengths of the mesh's edges: at most surface_size m at the top and fine_depth m below it, growing by
     growth m per m from there; the grid under it has boxes of at most base_size m.
@@ -64,7 +71,7 @@ class BlockSource(BodySource):
     def drawing(self, cavity_centres: Sequence[Vector]) -> AbstractBlockDrawing:
         """The block with cavities at these centres (k, 3) m, which `check_cavities` has seen."""
 
-    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+    def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
         """The drawing's, as fine as configured."""
         return self.drawing(cavity_centres).mesh(
             self.surface_size, self.base_size, growth=self.growth, fine_depth=self.fine_depth
@@ -91,14 +98,14 @@ class PadSource(BlockSource):
     def check_cavities(self, centres: Sequence[Vector]) -> None:
         """A pad has a cavity, and all at one height."""
         if not centres:
-            raise wrong_value("a pad has at least one: add [[cavity]] with name and centre", key="cavity")
+            raise wrong_value("a pad has at least one: add [[chamber]] with name and centre", key="chamber")
         for k, centre in enumerate(centres):
             if abs(centre[2] - centres[0][2]) > 1e-9:
-                raise wrong_value("the cavities of a pad are all at one height", key=f"cavity[{k}].centre[2]")
+                raise wrong_value("the cavities of a pad are all at one height", key=f"chamber[{k}].centre[2]")
 
 
 class LayoutSource(BlockSource):
-    """A block with cavities of any shape, each with a table in the order of [[cavity]], which has its centre
+    """A block with cavities of any shape, each with a table in the order of [[chamber]], which has its centre
     (softfuse/design/layout_drawing.py).
     """
 
@@ -117,7 +124,7 @@ class LayoutSource(BlockSource):
         """There are as many shapes as cavities."""
         if len(self.shapes) != len(centres):
             raise wrong_value(
-                f"{len(self.shapes)} shapes for {len(centres)} cavities: give one for each [[cavity]], in "
+                f"{len(self.shapes)} shapes for {len(centres)} cavities: give one for each [[chamber]], in "
                 "their order",
                 key="body.source.shape",
             )
@@ -128,7 +135,7 @@ class FingerSource(BodySource):
 
     x from the clamped base (0) to the tip, y centred, z from the palm (0) to the back. size, cavity_size:
     (3,) m; neck_x: middles (n,) m of the necks along x; a neck is neck_length m long and reaches from the
-    back down to neck_height m below it. The cavities stand where [[cavity]] says. Lengths of the mesh's
+    back down to neck_height m below it. The cavities stand where [[chamber]] says. Lengths of the mesh's
     edges: at most wall_size m around the cavities, growing by growth m per m from there; the grid under it
     has boxes of at most base_size m.
     """
@@ -156,44 +163,53 @@ class FingerSource(BodySource):
             cavity_centres=tuple(cavity_centres),
         )
 
-    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+    def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
         """The same, meshed; see `finger_mesh` for the errors."""
         geometry = self.geometry(cavity_centres)
         return finger_mesh(geometry, self.wall_size, self.base_size, growth=self.growth)
 
 
-class SurfaceSource(BodySource):
+class FileSource(BodySource):
+    """A body in a file; unit: the file's unit of length."""
+
+    file: ExistingFile
+    unit: LengthUnit
+
+    def chamber(self, file: Path) -> Shell:
+        """The closed surface in another file of the same unit; see `read_surface` for the errors."""
+        return read_surface(file, scale=self.unit)
+
+
+class SurfaceSource(FileSource):
     """A closed surface (STL, OBJ, PLY, OFF) filled with tetrahedra; closed surfaces inside it are cavities.
 
-    unit: the file's unit of length; edge_length: of the tetrahedra, m; inserts: closed surfaces in the same
+    edge_length: of the tetrahedra, m; inserts: closed surfaces in the same
     unit, each a region of its own; envelope: how far straight edges may be from the surface, as a fraction of
-    the body's diagonal.
+    the body's diagonal, a twentieth of edge_length where it is left out.
     """
 
     edges: ClassVar[tuple[str, ...]] = ("edge_length",)
 
     type: Literal["surface"]
-    file: ExistingFile
-    unit: LengthUnit
     edge_length: PositiveLength
     inserts: tuple[ExistingFile, ...] = ()
-    envelope: Annotated[Number, Gt(0), Lt(1)] = 1e-3
+    envelope: Annotated[Number, Gt(0), Lt(1)] | None = None
 
-    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+    def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
         """The surface filled, with the cavities that it has; see `tetrahedralise` for the errors."""
         inserts = [read_surface(path, scale=self.unit) for path in self.inserts]
         shell = read_surface(self.file, scale=self.unit)
+        if chambers:
+            shell = hollowed(shell, chambers)
         return tetrahedralise(shell, self.edge_length, inserts=inserts, envelope=self.envelope)
 
 
-class MeshSource(BodySource):
-    """A tetrahedral mesh in any format that meshio reads; unit: the file's unit of length."""
+class MeshSource(FileSource):
+    """A mesh of solid cells in a file (softfuse/mesh/files.py)."""
 
     type: Literal["mesh"]
-    file: ExistingFile
-    unit: LengthUnit
 
-    def mesh(self, cavity_centres: Sequence[Vector]) -> TetMesh:
+    def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
         """The mesh in the file, with the cavities that it has; see `read_mesh` for the errors."""
         return read_mesh(self.file, scale=self.unit)
 
@@ -204,16 +220,21 @@ Source = Annotated[
 
 
 class FixedSettings(Settings):
-    """Nodes within these ranges (m, ends included) cannot move; an axis that is left out does not matter."""
+    """Nodes within these ranges (m, ends included) cannot move; an axis that is left out does not matter.
+
+    group: a named group of the mesh's file, one of several where a list is given: what is in one of them and
+    in the ranges, if there are any (softfuse/mesh/groups.py).
+    """
 
     x: Span | None = None
     y: Span | None = None
     z: Span | None = None
+    group: Annotated[tuple[str, ...], NotEmpty, BeforeValidator(listed)] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.x is None and self.y is None and self.z is None:
-            raise wrong_value('give a range of x, y or z, such as z = ["0 mm", "0 mm"]')
+        if self.x is None and self.y is None and self.z is None and self.group is None:
+            raise wrong_value('give a range of x, y or z, such as z = ["0 mm", "0 mm"], or a group')
         return self
 
 

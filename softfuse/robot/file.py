@@ -83,6 +83,9 @@ def moved(source: Path, target: Path) -> Any:
     for table, key in ((body, "file"), (estimator, "reading_spread")):
         if key in table:
             table[key] = _moved_file(table[key], source.parent, target.parent)
+    for chamber in document.get("chamber", []):
+        if "file" in chamber:
+            chamber["file"] = _moved_file(chamber["file"], source.parent, target.parent)
     if "inserts" in body:
         body["inserts"] = [_moved_file(name, source.parent, target.parent) for name in body["inserts"]]
     return document

@@ -2,17 +2,20 @@
 
 Laws of one modulus take Young's modulus E and Poisson's ratio ν. The others take their own constants, which
 give the shear modulus μ, and for the volume either ν, λ = 2 μ ν / (1 − 2 ν), or the bulk modulus K, λ = K − 2
-μ / 3.
+μ / 3. A casting silicone may be given by its name alone, `silicone = "Ecoflex 00-30"`, which stands for the
+Yeoh law, constants and density of softfuse/material/silicones.py; any of them given beside it counts instead.
 """
 
 from abc import abstractmethod
-from typing import Annotated, ClassVar, Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from annotated_types import Ge
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
-from softfuse.io.quantity import Density, Number, PositivePressure, Pressure, wrong_value
+from softfuse.io.quantity import Density, Number, PositivePressure, Pressure, shown, wrong_value
 from softfuse.io.settings import NotEmpty, Settings
+from softfuse.material.silicones import POISSON, SILICONES
 
 
 def _physical(poisson: float) -> float:
@@ -142,6 +145,25 @@ class YeohSettings(SeveralModuli):
         return 2.0 * self.c1
 
 
+def _named(given: Any) -> Any:
+    """A table with a silicone's name as the table of its law."""
+    if not isinstance(given, Mapping) or "silicone" not in given:
+        return given
+    name, rest = given["silicone"], {key: value for key, value in given.items() if key != "silicone"}
+    if rest.get("law", "yeoh") != "yeoh":
+        raise wrong_value(f'names a Yeoh law: remove law = "{rest["law"]}" or the name', key="silicone")
+    known = SILICONES.get(name.lower()) if isinstance(name, str) else None
+    if known is None:
+        names = ", ".join(each.name for each in SILICONES.values())
+        raise wrong_value(
+            f"{shown(name)} is not in the table: it has {names}; or give law and constants",
+            key="silicone",
+        )
+    stiffness = {} if rest.keys() & {"poisson", "bulk"} else {"poisson": POISSON}
+    constants = {f"c{k + 1}": f"{constant:.6g} Pa" for k, constant in enumerate(known.yeoh)}
+    return {"law": "yeoh", **constants, **stiffness, "density": f"{known.density:g} kg/m^3", **rest}
+
+
 class OgdenSettings(SeveralModuli):
     """Ogden law of any number of terms μ_p in Pa, α_p; μ = Σ μ_p α_p / 2."""
 
@@ -175,4 +197,5 @@ Material = Annotated[
     | YeohSettings
     | OgdenSettings,
     Field(discriminator="law"),
+    BeforeValidator(_named),
 ]

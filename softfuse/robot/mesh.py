@@ -1,15 +1,18 @@
 """From settings to the mesh of the body: its nodes and tetrahedra, its cavities, the nodes that are held."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool
 
 from softfuse.errors import ConfigError
+from softfuse.mesh.chambers import check_fit, open_void
+from softfuse.mesh.groups import group_nodes
 from softfuse.mesh.morph import reshaped_cavities
-from softfuse.mesh.surface import Surface, cavities
-from softfuse.mesh.tetmesh import TetMesh, linear, quadratic, tet_mesh
+from softfuse.mesh.shell import Shell
+from softfuse.mesh.surface import Surface, cavities, outer_surface
+from softfuse.mesh.tetmesh import TetMesh, linear, quadratic
 from softfuse.robot.body import FixedSettings
 from softfuse.robot.settings import RobotSettings
 
@@ -35,17 +38,36 @@ def build_mesh(config: RobotSettings) -> RobotMesh:
     Raises ConfigError with the key's path when the source gives no valid mesh, it has another number of
     cavities or of regions than the configuration, the cavities as made do not fit, or no node is fixed.
     """
-    drawn = [cavity.centre for cavity in config.chambers]
+    source, closed = config.body.source, [each for each in config.chambers if each.mouth is None]
+    chambers: dict[str, Shell] = {}
+    for k, cavity in enumerate(config.chambers):
+        if cavity.file is not None:
+            with config.told(f"chamber[{k}].file"):
+                chambers[cavity.name] = source.chamber(cavity.file)
+    drawn = [cavity.centre for cavity in closed]
     with config.told("body.source"):
-        mesh = config.body.source.mesh(drawn)
-    centres = np.array(drawn).reshape(-1, 3)
-    shifts = np.array([cavity.shift for cavity in config.chambers]).reshape(-1, 3)
-    growths = np.array([cavity.growth for cavity in config.chambers]).reshape(-1, 3)
-    with config.told("cavity"):
+        mesh = source.mesh(drawn, list(chambers.values()))
+        outer_surface(mesh)
+    centres, shifts, growths = (
+        np.array([getattr(cavity, key) for cavity in closed]).reshape(-1, 3)
+        for key in ("centre", "shift", "growth")
+    )
+    with config.told("chamber"):
+        for cavity, wall in zip(closed, cavities(mesh, centres), strict=True):
+            if cavity.name in chambers:
+                check_fit(mesh, wall, chambers[cavity.name])
         if np.any(shifts) or np.any(growths):
             mesh = reshaped_cavities(mesh, shifts, growths, centres=centres)
         mesh = linear(mesh) if config.body.element == "linear" else quadratic(mesh)
-        found = cavities(mesh, centres + shifts)
+        walls = iter(cavities(mesh, centres + shifts))
+    found = []
+    for k, cavity in enumerate(config.chambers):
+        if cavity.mouth is None:
+            found.append(next(walls))
+        else:
+            with config.told(f"chamber[{k}].mouth"):
+                at = (np.array(each) for each in (cavity.centre, cavity.mouth.at, cavity.mouth.outwards))
+                found.append(open_void(mesh, *at))
     return robot_mesh(config, mesh, found)
 
 
@@ -67,27 +89,30 @@ def _with_numbered_regions(config: RobotSettings, mesh: TetMesh) -> TetMesh:
             f"{config.path}: body.material: {materials} materials for the {len(regions)} regions "
             f"{regions.tolist()} of the mesh: give one [[body.material]] for each"
         )
-    return tet_mesh(mesh.nodes, mesh.tets, region=number)
+    return replace(mesh, region=number.astype(np.int32))
 
 
 def _fixed_nodes(config: RobotSettings, mesh: TetMesh) -> Bool[np.ndarray, " n"]:
-    inside = _within(config.body.fixed, mesh)
+    with config.told("body.fixed.group"):
+        inside = _within(config.body.fixed, mesh)
     if not inside.any():
         low, high = (1e3 * end(mesh.nodes, axis=0) for end in (np.min, np.max))
         raise ConfigError(
-            f"{config.path}: body.fixed: no node of the mesh is in these ranges; it reaches from "
+            f"{config.path}: body.fixed: no node of the mesh is in these ranges (and group); it reaches from "
             f"{low.round(3).tolist()} to {high.round(3).tolist()} mm"
         )
     if inside.all():
         raise ConfigError(
-            f"{config.path}: body.fixed: all nodes of the mesh are in these ranges: narrow them"
+            f"{config.path}: body.fixed: all nodes of the mesh are held: narrow the ranges or the group"
         )
     return inside
 
 
 def _within(fixed: FixedSettings, mesh: TetMesh) -> Bool[np.ndarray, " n"]:
     margin = _TOUCH * np.ptp(mesh.nodes, axis=0).max()
-    inside = np.ones(len(mesh.nodes), bool)
+    groups = fixed.group or ()
+    inside = np.any([group_nodes(mesh, name) for name in groups], axis=0) if groups else margin >= 0.0
+    inside = np.broadcast_to(inside, len(mesh.nodes)).copy()
     for axis, span in enumerate((fixed.x, fixed.y, fixed.z)):
         if span is not None:
             position = mesh.nodes[:, axis]

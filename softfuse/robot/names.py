@@ -1,4 +1,5 @@
-"""What the parts of a robot are called in columns of files, in topics and series: names of letters and digits.
+"""What the parts of a robot are called in columns of files, in topics and series: names of letters and
+digits.
 
 Columns end with the unit: `<name>_mm`, `<name>_N`. Truth columns begin with `true_`.
 """
@@ -17,7 +18,7 @@ _SIGNS = {"+": " plus ", "-": " minus "}
 
 
 def safe_name(name: str) -> str:
-    """The letters and digits of a name, with underscores for what is between them: "minus_plus" of "(-,+)"."""
+    """The letters and digits of a name, with underscores between them: "minus_plus" of "(-,+)"."""
     spelt = re.sub(r"(?<!\w)[+-]|[+-](?!\w)", lambda sign: _SIGNS[sign[0]], name)
     return re.sub(r"\W+|_+", "_", spelt).strip("_") or "unnamed"
 

@@ -1,4 +1,5 @@
-"""What one state of a robot means for people: where its named points are, how it is bent, what its actuators do.
+"""What one state of a robot means for people: where its named points are, how it is bent, what its actuators
+do.
 
 Points are carried by the nodes of the element that they lie in, x = Σ_a N_a x_a. Bending is that of
 `functional.centreline`. A contact presses where its patch of the surface is now, along the current normal.
@@ -64,7 +65,7 @@ class _Carried(eqx.Module):
 
 
 class Watched(eqx.Module):
-    """The points, the centreline if there is one, and the chambers of a robot, and its outward faces (f, s)."""
+    """The points, the centreline if there is one, the chambers of a robot, and its outward faces (f, s)."""
 
     model: Model
     points: _Carried

@@ -29,6 +29,7 @@ from softfuse.mechanics.volume import VolumePorts
 from softfuse.mesh.surface import outer_surface
 from softfuse.robot.laws import materials_of
 from softfuse.robot.mesh import RobotMesh, build_mesh
+from softfuse.robot.points import surface_tolerance
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.parts import CablePart, ChamberPart, ContactPart, Parts
 from softfuse.sensors.suite import SensorSuite
@@ -109,9 +110,8 @@ class Robot:
     def points(self) -> MaterialPoints:
         """Its named points, none or more; raises ConfigError for one outside the body."""
         with self.settings.told("point"):
-            return MaterialPoints.embedded(
-                self.parts.body, np.array([point.at for point in self.settings.points])
-            )
+            points, body = np.array([point.at for point in self.settings.points]), self.parts.body
+            return MaterialPoints.embedded(body, points, within=surface_tolerance(body))
 
     def centreline(self) -> MaterialPoints | None:
         """The points of its centreline from base to tip, if it has one; raises ConfigError for one outside
@@ -120,7 +120,8 @@ class Robot:
         if self.settings.centreline is None:
             return None
         with self.settings.told("centreline.points"):
-            return MaterialPoints.embedded(self.parts.body, np.array(self.settings.centreline.points))
+            points, body = np.array(self.settings.centreline.points), self.parts.body
+            return MaterialPoints.embedded(body, points, within=surface_tolerance(body))
 
     @property
     def unseen(self) -> Bool[np.ndarray, " c"]:
@@ -142,7 +143,7 @@ def build_robot(settings: RobotSettings, mesh: RobotMesh | None = None) -> Robot
     body = _body(settings, mesh)
     faces = outer_surface(mesh.mesh).faces
     cavities = {
-        chamber.name: Cavity(jnp.asarray(wall.faces))
+        chamber.name: Cavity.of(wall.faces)
         for chamber, wall in zip(settings.chambers, mesh.cavities, strict=True)
     }
     actuators, drives = _actuators(settings, body, cavities)
@@ -202,7 +203,7 @@ def _actuators(
     loads: list[AbstractLoad] = []
     drives: dict[str, int] = {}
     for k, cable in enumerate(settings.cables):
-        with settings.told(f"cable[{k}].guides"):
+        with settings.told(f"cable[{k}]"):
             loads.append(cable.load(body))
         drives[cable.name] = len(drives)
     atmosphere = settings.environment.atmosphere

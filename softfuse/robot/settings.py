@@ -17,6 +17,7 @@ from softfuse.robot.actuators import CableSettings, ChamberSettings, Environment
 from softfuse.robot.body import BodySettings
 from softfuse.robot.contacts import AnyContact
 from softfuse.robot.points import CentrelineSettings, PointSettings
+from softfuse.robot.recording import RecordingSettings
 from softfuse.robot.reduction import ReductionSettings
 from softfuse.robot.source import AnySource, check_sources
 from softfuse.robot.tolerances import CalibrationSettings
@@ -71,6 +72,7 @@ class RobotSettings(FileSettings):
     sources: tuple[AnySource, ...] = Field(default=(), alias="source")
     estimator: EstimatorSettings = EstimatorSettings()
     reduction: ReductionSettings = ReductionSettings()
+    recording: RecordingSettings = RecordingSettings()
     calibration: CalibrationSettings = CalibrationSettings()
 
     @property

@@ -1,7 +1,7 @@
 """A robot on which something is done: presses at places, cables shortened or pulled, chambers under pressure.
 
-A cable that is shortened is one whose tension is the multiplier (`ShortenedCable`). What is told of the equilibrium
-is that of the cable pulled with that tension, which is the same state of the robot's own model.
+A cable that is shortened is one whose tension is the multiplier (`ShortenedCable`). What is told of the
+equilibrium is that of the cable pulled with that tension, which is the same state of the robot's own model.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,15 +26,14 @@ from softfuse.robot.names import named_places
 from softfuse.robot.posture import Posture, Watched
 from softfuse.robot.robot import Robot
 
-
 _DOWN = (0.0, 0.0, -1.0)
 """Some direction: of places whose point alone matters."""
 
 
 @dataclass(frozen=True)
 class Press:
-    """A force [N] of a contact, by name, None for the only one, where: "X,Y" in mm of its chart, "X,Y,Z" in mm,
-    carried to the nearest point of the surface, or the name of a place or a point.
+    """A force [N] of a contact, by name, None for the only one, where: "X,Y" in mm of its chart, "X,Y,Z" in
+    mm, carried to the nearest point of the surface, or the name of a place or a point.
     """
 
     contact: str | None
@@ -61,10 +60,11 @@ class Trial:
         cables: Sequence[str] = (),
         pressures: Sequence[str] = (),
     ) -> "Trial":
-        """With presses, cables such as "left=10 mm" or "left=2 N", and pressures such as "first=20 kPa"; without a
-        name where there is only one.
+        """With presses, cables such as "left=10 mm" or "left=2 N", and pressures such as "first=20 kPa";
+        without a name where there is only one.
 
-        Raises SoftfuseError for names that there are not, quantities that are none, or a contact off the surface.
+        Raises SoftfuseError for names that there are not, quantities that are none, or a contact off the
+        surface.
         """
         settings, kinds, places, contacts = robot.settings, [], [], []
         for press in presses:
@@ -79,7 +79,9 @@ class Trial:
         actuators = list(robot.model.actuators)
         given = _given(cables, [each.name for each in settings.cables], "cable", (LENGTH, FORCE))
         driven = [each.name for each in settings.chambers if each.gas == "driven"]
-        prescribed = {name: value for name, (value, _) in _given(pressures, driven, "pressure", (PRESSURE,)).items()}
+        prescribed = {
+            name: value for name, (value, _) in _given(pressures, driven, "pressure", (PRESSURE,)).items()
+        }
         numbers = [each.name for each in settings.cables]
         for name, (value, dimension) in given.items():
             if value < 0:
@@ -93,7 +95,10 @@ class Trial:
         )
         at = np.array(places).reshape(-1, 3, 3)
         drive = np.array(model.rest_state(jnp.asarray(at)).drive)
-        forces = [np.full(kind.drives, press.force_N / kind.drives) for kind, press in zip(kinds, presses, strict=True)]
+        forces = [
+            np.full(kind.drives, press.force_N / kind.drives)
+            for kind, press in zip(kinds, presses, strict=True)
+        ]
         first = sum(len(each) for each in forces)
         drive[:first] = np.concatenate([np.zeros(0), *forces])
         for name, value in prescribed.items():
@@ -147,7 +152,8 @@ class Trial:
                 for name, unit, value in zip(robot.suite.readings, robot.suite.units, readings, strict=True)
             },
             "points_mm": {
-                point.name: _mm(place) for point, place in zip(robot.settings.points, posture.point_m, strict=True)
+                point.name: _mm(place)
+                for point, place in zip(robot.settings.points, posture.point_m, strict=True)
             },
             "bend_deg": np.rad2deg(posture.turn).tolist(),
             "tip_bend_deg": float(np.rad2deg(posture.tip_turn)) if posture.turn.size else None,
@@ -193,7 +199,9 @@ def told(numbers: Mapping[str, Any]) -> str:
         for each in numbers["contacts"]
     ]
     for name, cable in numbers["cables"].items():
-        lines.append(f"cable {name}: {cable['shortening_mm']:.3f} mm shorter, tension {cable['tension_N']:.4f} N")
+        lines.append(
+            f"cable {name}: {cable['shortening_mm']:.3f} mm shorter, tension {cable['tension_N']:.4f} N"
+        )
     for name, chamber in numbers["chambers"].items():
         gauge = chamber["pressure_Pa"]
         pressure = "" if gauge is None else f", {gauge:.1f} Pa above the atmosphere"
@@ -252,11 +260,13 @@ def _numbers(at: str, names: Sequence[str], flat: bool) -> Float[np.ndarray, " d
 
 def _overhangs(robot: Robot, contact: ContactSettings, place: Float[np.ndarray, "3 3"]) -> str:
     nodes = 1e3 * np.asarray(robot.model.body.rest)[np.unique(robot.parts.faces)]
-    spans = ", ".join(f"{a} {low:g} to {high:g}" for a, low, high in zip("xyz", nodes.min(0), nodes.max(0), strict=True))
+    spans = ", ".join(
+        f"{a} {low:g} to {high:g}" for a, low, high in zip("xyz", nodes.min(0), nodes.max(0), strict=True)
+    )
     at = ", ".join(f"{1e3 * x:g}" for x in place[0])
     return (
-        f'the contact "{contact.name}" at ({at}) mm with radius {1e3 * contact.radius:g} mm overhangs the surface, '
-        f"which spans {spans} mm: move it inwards"
+        f'the contact "{contact.name}" at ({at}) mm with radius {1e3 * contact.radius:g} mm overhangs the '
+        f"surface, which spans {spans} mm: move it inwards"
     )
 
 
@@ -280,9 +290,7 @@ def _given(
     return found
 
 
-def _quantity(
-    text: str, value: str, option: str, dimensions: Sequence[Dimension]
-) -> tuple[float, Dimension]:
+def _quantity(text: str, value: str, option: str, dimensions: Sequence[Dimension]) -> tuple[float, Dimension]:
     for dimension in dimensions:
         try:
             return dimension.parse(value.strip()), dimension

@@ -77,7 +77,8 @@ def _projected(cavity: Cavity, body: ReducedBody, reach: Float[np.ndarray, " n"]
     shapes = held[np.minimum(np.asarray(body.index)[nodes], len(body.modes))].reshape(-1, m)
     left, size, right = np.linalg.svd(shapes * reach[:m], full_matrices=False)
     walls = left[:, :_DIRECTIONS]  # E; y = Wz are the walls' motions along it
-    of_walls = Cavity(jnp.asarray(local.reshape(cavity.faces.shape)))
+    rim = np.searchsorted(nodes, np.asarray(cavity.rim))
+    of_walls = Cavity(jnp.asarray(local.reshape(cavity.faces.shape)), jnp.asarray(rim))
     slope, bend, twist = map(np.asarray, _derivatives(of_walls, body.rest[nodes], jnp.asarray(walls)))
     directions = (size[:, None] * right)[:_DIRECTIONS] / reach[:m]
     rest = body.n - m

@@ -84,6 +84,18 @@ class ReducedBody(AbstractBody):
         """K(z) (1, n, n)."""
         return (self.linear + sum(points.tangent(z) for points in self.sample))[None]
 
+    @property
+    def inertia(self) -> Float[Array, "1 n n"]:
+        """Of the modes (1, n, n), the volume shared out evenly among the nodes that are not held."""
+        free = self.rest_volume * 3 / self.modes.shape[0]
+        rest = self.n - self.displacement_modes
+        return jnp.pad(free * (self.modes.T @ self.modes), (0, rest)).astype(float)[None]
+
+    @property
+    def signs(self) -> Float[Array, " n"]:
+        """1 for displacement modes, −1 for pressure modes (n,)."""
+        return jnp.where(jnp.arange(self.n) < self.displacement_modes, 1.0, -1.0)
+
     def tangent_action(self, z: Float[Array, " n"]) -> Callable[[Float[Array, "n c"]], Float[Array, "n c"]]:
         """The map of directions (n, c) to K(z) applied to them, all columns at once: what the modes weigh in
         memory is read once for them.

@@ -21,21 +21,13 @@ from softfuse.errors import ConfigError
 from softfuse.io.quantity import wrong_value
 from softfuse.io.settings import NotEmpty, Settings
 from softfuse.sensors.electronics import ChannelElectronics, read_channels
+from softfuse.sensors.frame_time import FrameTime
 from softfuse.sensors.reading_drift import DriftModel, ReadingDrift
 
 if TYPE_CHECKING:
     from softfuse.mechanics.reading import AbstractReading
     from softfuse.sensors.parts import Parts
     from softfuse.sensors.true_contact import TrueContact
-
-
-class FrameTime(NamedTuple):
-    """Time of a frame and step to it [s], whether it is later than the last one, and whether it is the first."""
-
-    now_s: Float[Array, ""]
-    dt_s: Float[Array, ""]
-    forward: Bool[Array, ""]
-    first: Bool[Array, ""]
 
 
 class Hint(NamedTuple):

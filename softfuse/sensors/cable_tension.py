@@ -40,6 +40,7 @@ class CableTensionSettings(DirectSettings):
             self.cables,
             Scale(jnp.asarray(self.unit, float)),
             0.0,
+            units=("N",),
             noise=self.noise,
             offset_sigma=self.offset_sigma,
             drift=0.0,

@@ -169,6 +169,7 @@ class BraggSettings(DirectSettings):
                 self.axial,
             ),
             0.0,
+            units=("", "1/m", "1/m")[kept] * len(self.stations),
             noise=self.noise * size,
             offset_sigma=self.offset_sigma * size,
             drift=self.drift * size,

@@ -8,6 +8,7 @@ perfect part says of the body at rest, which is then off by `offset_sigma` for g
 """
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -60,6 +61,7 @@ class Direct(AbstractSensor):
     name: str = eqx.field(static=True)
     channels: tuple[str, ...] = eqx.field(static=True)
     readings: tuple[str, ...] = eqx.field(static=True)
+    si_units: tuple[str, ...] = eqx.field(static=True)
     tared: bool = eqx.field(static=True)
     convert: AbstractConvert
     rest: Float[Array, " k"]
@@ -69,6 +71,11 @@ class Direct(AbstractSensor):
     average_s: Float[Array, ""]
     tare: Tare
     driven_above: Float[Array, " k"]
+
+    @property
+    def units(self):
+        """As told."""
+        return self.si_units
 
     def init(self):
         """At rest."""
@@ -129,12 +136,15 @@ class DirectSettings(SensorSettings):
         convert: AbstractConvert,
         rest: Any,
         *,
+        units: Sequence[str],
         noise: Any,
         offset_sigma: Any,
         drift: Any,
         driven_above: Any = np.inf,
     ) -> Direct:
-        """The filter of values that are `rest` (k,) at rest; drift: of zeros per second."""
+        """The filter of values that are `rest` (k,) at rest, in SI units (k,) or one for all; drift: of zeros
+        per second.
+        """
         k = (len(readings),)
 
         def each(value) -> Array:
@@ -152,6 +162,7 @@ class DirectSettings(SensorSettings):
             self.name,
             self.columns,
             tuple(f"{self.name} {which}" if which else self.name for which in readings),
+            tuple(units) * (1 if len(units) == k[0] else k[0]),
             self.tared,
             convert,
             each(rest),

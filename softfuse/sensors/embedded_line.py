@@ -67,6 +67,7 @@ class _LineSettings(DirectSettings):
             segments,
             convert,
             length,
+            units=("m",),
             noise=self.noise * length,
             offset_sigma=self.offset_sigma * length,
             drift=self.drift * length,

@@ -69,6 +69,7 @@ class SheetSettings(DirectSettings):
             ("",),
             Scale(jnp.asarray(self.unit / self.capacitance, float)),
             1.0,
+            units=("",),
             noise=self.noise,
             offset_sigma=self.offset_sigma,
             drift=self.drift,

@@ -73,6 +73,7 @@ class MarkerSettings(DirectSettings):
             self.components,
             Scale(jnp.asarray(self.unit, float)),
             self._rest(parts),
+            units=("m",),
             noise=self.noise,
             offset_sigma=self.offset_sigma,
             drift=0.0,

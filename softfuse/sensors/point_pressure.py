@@ -56,6 +56,7 @@ class PointPressureSettings(DirectSettings):
             ("",),
             Scale(jnp.asarray(self.unit / self.gain, float)),
             parts.atmosphere / self.gain,
+            units=("Pa",),
             noise=self.noise / self.gain,
             offset_sigma=self.offset_sigma / self.gain,
             drift=self.drift / self.gain,

@@ -8,7 +8,8 @@ class Status(StrEnum):
 
     ok = "ok"
     no_contact = "no contact"
-    bad_time = "time missing or not increasing"
+    bad_time = "time missing or not believed"
+    clock_anew = "clock taken anew"
     flow_missing = "flow missing"
     flow_saturated = "flow saturated"
     volume_unknown = "no volume known"

@@ -22,7 +22,6 @@ from softfuse.sensors.base import (
     AbstractSensor,
     Context,
     Evidence,
-    FrameTime,
     Hint,
     Measurement,
     SensorSettings,
@@ -30,7 +29,7 @@ from softfuse.sensors.base import (
     VolumeChange,
 )
 from softfuse.sensors.contact_places import chart_places, joined_places
-from softfuse.sensors.frame_time import frame_step
+from softfuse.sensors.frame_time import FrameClock, FrameTime, clock_init, frame_step
 from softfuse.sensors.parts import Parts
 from softfuse.sensors.pneumatic_touch import (
     PneumaticDetector,
@@ -40,6 +39,9 @@ from softfuse.sensors.pneumatic_touch import (
 )
 from softfuse.sensors.reading_drift import DriftModel, ReadingDrift
 from softfuse.sensors.status import Status
+
+_START_S = 2.0
+"""Time at rest after a robot is switched on that nobody watches: enough for zeros to be taken."""
 
 
 class Observation(NamedTuple):
@@ -118,9 +120,10 @@ class ContactSlots(eqx.Module):
 
 
 class SuiteState(eqx.Module):
-    """Memory between frames: time [s], of each sensor, of what only gas tells, and the last volumes."""
+    """Memory between frames: time and that of the first frame [s], of each sensor, of what only gas tells, and the last volumes."""
 
-    time_s: Float[Array, ""]
+    clock: FrameClock
+    begun_s: Float[Array, ""]
     sensors: tuple[Any, ...]
     contacts: tuple[Any, ...]
     pneumatic: PneumaticState
@@ -214,7 +217,8 @@ class SensorSuite(eqx.Module):
         """State before the first frame; nothing touches, unless a sensor tells."""
         chambers = len(self._chambers)
         return SuiteState(
-            jnp.full((), -jnp.inf),
+            clock_init(),
+            jnp.full((), jnp.inf),
             tuple(each.init() for each in self.sensors),
             tuple(each.init() for each in self.contact_sensors),
             pneumatic_init(),
@@ -227,8 +231,7 @@ class SensorSuite(eqx.Module):
         """One frame at `time_s` [s] of raw readings (n,) in the order of `channels`; NaN stands for what is
         missing.
         """
-        now, dt, forward = frame_step(state.time_s, time_s)
-        frame = FrameTime(now, dt, forward, ~jnp.isfinite(state.time_s))
+        clock, frame = frame_step(state.clock, time_s)
         inputs, driven = self.inputs, jnp.asarray(False)
         for each, own in zip(self.sensors, state.sensors, strict=True):
             driven = driven | each.driven(own, raw[inputs[each.name]])
@@ -246,13 +249,17 @@ class SensorSuite(eqx.Module):
             pneumatic = pneumatic_update(self.pneumatic, pneumatic, dt, hint, state.volume, near)
         unseen = pneumatic.touching
         clear = ~_any([~touch.clear for touch in touches]) & ~unseen
+        begun = jnp.minimum(state.begun_s, jnp.where(frame.forward, frame.now_s, jnp.inf))
+        if self.blind:
+            # Where nothing tells of a touch, the body is taken to rest when it is switched on, and not later.
+            clear = clear & ~(frame.now_s - begun > _START_S)
         context = Context(
             near=near | unseen,
             touching=_any([jnp.any(touch.touching) for touch in touches]) | unseen,
             unseen=unseen,
             clear=clear,
             driven=driven,
-            resting=~near & ~unseen & ~driven,
+            resting=clear & ~near & ~driven,
             begun_touched=_any([touch.begun for touch in touches]),
         )
         measured, later = list[Measurement](), list[Any]()
@@ -266,9 +273,14 @@ class SensorSuite(eqx.Module):
             own, found = each.locate(seen, frame, context, _squeezed(volume))
             located.append(own)
             evidence.append(found)
-        return SuiteState(now, tuple(later), tuple(located), pneumatic, volume), self._observation(
-            frame, context, measured, evidence
-        )
+        memory = SuiteState(clock, begun, tuple(later), tuple(located), pneumatic, volume)
+        return memory, self._observation(frame, context, measured, evidence)
+
+    @property
+    def blind(self) -> bool:
+        """Whether a contact may press of which no sensor and no gas tells, so that only readings can."""
+        gas = any(each.chambers for each in self.sensors)
+        return not gas and any(not contact.seen_by for contact in self.contacts)
 
     @property
     def _missed(self) -> int | None:
@@ -316,7 +328,7 @@ class SensorSuite(eqx.Module):
             jnp.concatenate, zip((*nothing, *nowhere), *columns, strict=True)
         )
         pressing = allowed | unseen
-        flags = {Status.bad_time: ~frame.forward}
+        flags = {Status.bad_time: ~frame.forward, Status.clock_anew: frame.anew}
         for each in (*measured, *evidence):
             flags |= each.flags
         flags |= {

@@ -10,15 +10,17 @@ import pytest
 from softfuse.calibration.contact_places import ContactPlaces
 from softfuse.calibration.fit import Fit, fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
-from softfuse.robot.file import RobotSettings, load, save_edited
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings, save_edited
 from softfuse.calibration.of_robot import (
     adjustments_of_presses,
     build_adjustments,
     calibrated_edits,
     fitted_device,
 )
-from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import build_mesh
+from softfuse.config.build_device import build_device, electrode_places
+from softfuse.config.build_mesh import build_mesh
+from softfuse.functional.chart import facing
 
 ATMOSPHERE = 101325.0
 NOISE = 3.0
@@ -49,11 +51,11 @@ def config(linear_finger: Callable[..., Path]) -> RobotSettings:
 
 
 @pytest.fixture(scope="module")
-def applied() -> Applied:
+def applied(config: DeviceConfig) -> Applied:
     electrode, force, length, press = (np.array(each) for each in zip(*SAMPLES, strict=True))
     filling = np.full((len(press), 6), ATMOSPHERE)
     prescribed = np.concatenate([length[:, None], filling], axis=1)
-    return Applied(electrode[:, None], force[:, None], prescribed, press)
+    return Applied(electrode_places(config)[electrode][:, None], force[:, None], prescribed, press)
 
 
 @pytest.fixture(scope="module")
@@ -120,9 +122,10 @@ def test_slopes_are_those_of_differences(adjustable: Adjustable, applied: Applie
 
 def test_a_push_is_named_by_where_it_presses() -> None:
     """Not by where nothing presses yet."""
-    place, force = np.array([[0], [2], [2]]), np.array([[0.0], [0.1], [0.2]])
+    electrodes = facing(1e-2 * np.eye(3), (0, 0, -1))
+    place, force = electrodes[[[0], [2], [2]]], np.array([[0.0], [0.1], [0.2]])
     done = Applied(place, force, np.zeros((3, 0)), np.zeros(3, int))
-    places = ContactPlaces.of(done, {0: "7"}, ["a", "b", "c"], 1e-3)
+    places = ContactPlaces.of(done, {0: "7"}, dict(zip("abc", electrodes, strict=True)), 1e-3)
     assert places.names == ("place on c in press 7",)
     at = [places.arms(np.zeros(1), np.array(press), np.array([0.002])) for press in (0, -1)]
     np.testing.assert_array_equal(at, [[0.002], [0.0]])

@@ -14,12 +14,14 @@ from softfuse.calibration.fit import Fit, fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
 from softfuse.errors import SoftfuseError
 from softfuse.functional.cavity import Cavity
+from softfuse.functional.chart import facing
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.reading import ShapeReading
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
 from softfuse.mesh.tetmesh import TetMesh
@@ -32,7 +34,8 @@ GEOMETRY = PadGeometry(
 )
 NAMES = ("left", "right")
 NOISE = 0.3e-9
-PLACES = 1e-3 * np.array([[-18, 4, 0], [16, -5, 0], [0, 2, 0], [-9, -6, 0], [22, 3, 0]])
+POINTS = 1e-3 * np.array([[-18, 4, 0], [16, -5, 0], [0, 2, 0], [-9, -6, 0], [22, 3, 0]])
+PLACES = facing(POINTS, (0, 0, -1))
 FORCES = (1.5, 3.0, 4.5)
 
 
@@ -48,8 +51,8 @@ def device(mesh: TetMesh) -> Model:
     surface = ContactSurface.facing(outer_surface(mesh).faces, mesh.nodes, np.array([0.0, 0.0, -1.0]))
     disc = Contact(surface, flat_punch(), jnp.zeros(3), jnp.asarray(0.006), 0.3e-9)
     walls = cavities(mesh, GEOMETRY.centres())
-    sensors = tuple(Cavity(jnp.asarray(wall.faces)) for wall in walls)
-    return Model(body, sensors, PunchContact(disc), Multifrontal.plan(body))
+    readings = tuple(ShapeReading(Cavity(jnp.asarray(wall.faces))) for wall in walls)
+    return Model(body, readings, (PunchContact(disc),), Multifrontal.plan(body))
 
 
 @pytest.fixture(scope="module")

@@ -11,14 +11,17 @@ from softfuse.body.stiffness_field import TERMS, with_field
 from softfuse.calibration.adjustment import Adjustments, Stiffness, StiffnessField
 from softfuse.calibration.fit import fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
+from softfuse.functional.chart import facing
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
 
 MADE = np.array([0.05, -0.03, 0.06, 0.02, -0.04, 0.03, -0.05, 0.04, 0.02])
-PLACES = 1e-3 * np.array(
+POINTS = 1e-3 * np.array(
     [[-18, 4, 0], [16, -5, 0], [0, 2, 0], [-9, -8, 0], [22, 6, 0], [-24, -9, 0], [7, 9, 0], [-4, -3, 0]]
 )
+PLACES = facing(POINTS, (0, 0, -1))
 FORCES = (2.0, 5.0)
+AT = jnp.asarray(facing(np.array([[-0.012, 0.003, 0.0]]), (0, 0, -1)))
 
 
 @pytest.fixture(scope="module")
@@ -27,8 +30,8 @@ def read(device: Model) -> Callable[..., tuple[jax.Array, RESULTS]]:
 
     def read(coefficients):
         body = with_field(device.body, coefficients)
-        made = Model(body, device.sensors, device.contact, device.linear)
-        solution = simulate(made, jnp.array([[-0.012, 0.003, 0.0]]), jnp.array([5.0]))
+        made = Model(body, device.readings, device.contacts, device.linear)
+        solution = simulate(made, AT, jnp.array([5.0]))
         return made.reading(solution.state), solution.result
 
     return jax.jit(read)
@@ -48,7 +51,7 @@ def test_volumes_differentiate_in_every_coefficient(read) -> None:
 
 def test_without_coefficients_a_field_changes_nothing(device: Model, read) -> None:
     found, _ = read(jnp.zeros(9))
-    plain = simulate(device, jnp.array([[-0.012, 0.003, 0.0]]), jnp.array([5.0]))
+    plain = simulate(device, AT, jnp.array([5.0]))
     np.testing.assert_allclose(found, device.reading(plain.state), rtol=1e-7)
 
 

@@ -18,6 +18,8 @@ from softfuse.cli import main
 from softfuse.cli.terminal import tracked
 from softfuse.errors import ConfigError
 
+PAD = Path(__file__).parents[2] / "configs" / "pad.toml"
+
 
 @pytest.fixture
 def failing(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
@@ -131,3 +133,48 @@ def test_without_a_cache_folder_nothing_is_kept(tmp_path: Path) -> None:
     blocked.touch()
     kept = run_python(SHOW, XDG_CACHE_HOME=str(blocked), HOME=str(blocked), LOCALAPPDATA=str(blocked))
     assert kept == "True None"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["mesh", "{pad}", "--out", "{out}.vtu"],
+        ["simulate", "{pad}", "--at", "0,0", "--force", "1", "--json", "{out}"],
+        ["simulate", "{pad}", "--at", "0,0", "--force", "1", "--vtu", "{out}.vtu"],
+        ["calibrate", "{pad}", "{pad}", "--out", "{out}.toml"],
+        ["run", "{pad}", "--record", "{out}.mcap"],
+        ["run", "{pad}", "--save-view", "{out}.rrd"],
+        ["virtual-device", "{pad}", "--truth", "{out}.csv"],
+        ["estimate", "{pad}", "{pad}", "--out", "{file}/o"],
+        ["observe", "{pad}", "--out", "{file}/o"],
+        ["reduce", "{pad}", "--out", "{file}/o"],
+        ["evaluate", "{pad}", "--out", "{file}/o"],
+        ["sweep", "{pad}", "{pad}", "--out", "{file}/o"],
+        ["design", "{pad}", "--out", "{file}/o"],
+    ],
+)
+def test_what_cannot_be_written_is_told_before_any_work(
+    code_of: Callable[..., int],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    command: list[str],
+) -> None:
+    def begun(*_: object) -> None:
+        raise AssertionError("the command has begun")
+
+    monkeypatch.setattr("softfuse.config.file.parse", begun)
+    (tmp_path / "file").write_text("")
+    places = {"pad": PAD, "out": tmp_path / "no" / "x", "file": tmp_path / "file"}
+    assert code_of(*(part.format(**places) for part in command)) == 2
+    told = capsys.readouterr().err
+    assert "cannot be written: " in told and told.count("\n") == 1
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "file"]
+
+
+def test_a_disk_that_takes_no_more_is_told_in_one_line(
+    code_of: Callable[..., int], bar: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert code_of("simulate", bar, "--cable", "1 mm", "--json", "/dev/full") == 2
+    told = capsys.readouterr().err
+    assert "cannot write to /dev/full: No space left on device" in told and told.count("\n") == 1

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz"

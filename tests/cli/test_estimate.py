@@ -13,6 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz"
 FRAMES = 330
+CHAMBERS = ("minus_minus", "minus_plus", "plus_minus", "plus_plus")
 MISSING, CUT, LOST, SATURATED = 20, 60, 140, 300
 """Frames whose flow is missing, whose line is cut, whose electrode is dead, whose flow is clipped."""
 
@@ -52,40 +53,32 @@ def rows(results: Path) -> list[dict[str, str]]:
 
 def test_every_frame_has_a_row_with_the_agreed_columns(rows: list[dict[str, str]]) -> None:
     assert len(rows) == FRAMES
-    volumes = [f"dV{k}_mm3" for k in range(4)]
-    head = [
-        "time_s",
-        "contacts",
-        "x_mm",
-        "y_mm",
-        "force_N",
-        "x_sigma_mm",
-        "y_sigma_mm",
-        "force_sigma_N",
-        *volumes,
-    ]
+    told = ("x_mm", "y_mm", "z_mm", "force_N", "x_sigma_mm", "y_sigma_mm", "z_sigma_mm", "force_sigma_N")
+    measured = [f"flow_{name}{of}_mm3" for name in CHAMBERS for of in ("", "_misfit")]
+    head = ["time_s", "contacts", *told, *(f"{name}_mm3" for name in CHAMBERS), *measured]
     assert list(rows[0]) == [*head, "residual", "latency_ms", "status"]
     assert all(row["status"] and float(row["latency_ms"]) > 0 for row in rows)
 
 
-def test_frames_are_joined(results: Path, rows: list[dict[str, str]]) -> None:
-    with (results / "joined.csv").open(newline="") as stream:
-        joined = list(csv.DictReader(stream))
-    assert [each["time_s"] for each in joined] == [row["time_s"] for row in rows]
-    what = ["force_N", "force_sigma_N", "x_mm", "y_mm", "x_sigma_mm", "y_sigma_mm"]
-    drifts = [f"drift{k}_{each}" for k in range(4) for each in ("mm3", "sigma_mm3")]
-    assert list(joined[0]) == ["time_s", *what, *(f"smoothed_{each}" for each in what), *drifts, "outliers"]
-    for row, each in zip(rows, joined, strict=True):
+def test_frames_are_smoothed(results: Path, rows: list[dict[str, str]]) -> None:
+    with (results / "smoothed.csv").open(newline="") as stream:
+        smoothed = list(csv.DictReader(stream))
+    assert [each["time_s"] for each in smoothed] == [row["time_s"] for row in rows]
+    what = ("x_mm", "y_mm", "z_mm", "force_N", "x_sigma_mm", "y_sigma_mm", "z_sigma_mm", "force_sigma_N")
+    drifts = [f"flow_{name}_{each}_mm3" for name in CHAMBERS for each in ("drift", "drift_sigma")]
+    both = [f"{way}_{each}" for way in ("filtered", "smoothed") for each in what]
+    assert list(smoothed[0]) == ["time_s", *both, *drifts, "outliers"]
+    for row, each in zip(rows, smoothed, strict=True):
         if row["contacts"] == "0":
-            assert float(each["force_N"]) == 0.0
-        elif row["status"] == "electrode lost":
+            assert float(each["filtered_force_N"]) == 0.0
+        elif row["status"] == "electrodes lost":
             # Of a model of which nothing is known a press is off by some percent.
-            assert float(each["force_N"]) == pytest.approx(float(row["force_N"]), rel=0.15, abs=0.1)
-            assert float(each["x_mm"]) == pytest.approx(float(row["x_mm"]), abs=0.3)
+            assert float(each["filtered_force_N"]) == pytest.approx(float(row["force_N"]), rel=0.15, abs=0.1)
+            assert float(each["filtered_x_mm"]) == pytest.approx(float(row["x_mm"]), abs=0.3)
     numbers = json.loads((results / "summary.json").read_text())
-    off = numbers["joined"]["force_rms_N"]
-    assert off["joined"] < 1.2 * off["frame_by_frame"] and off["smoothed"] < 1.2 * off["frame_by_frame"]
-    assert numbers["joined"]["place_outliers"] == 0
+    off = numbers["smoothing"]["force_rms_N"]
+    assert off["filtered"] < 1.2 * off["frame_by_frame"] and off["smoothed"] < 1.2 * off["frame_by_frame"]
+    assert numbers["smoothing"]["place_outliers"] == 0
 
 
 def test_a_press_is_found_where_and_when_it_is(rows: list[dict[str, str]], faulty: Path) -> None:
@@ -105,7 +98,7 @@ def test_faults_are_flagged_and_the_rest_is_estimated(rows: list[dict[str, str]]
     assert rows[0]["status"] == "no contact"
     assert "flow missing" in rows[MISSING]["status"]
     assert "malformed row" in rows[CUT]["status"]
-    assert "electrode lost" in rows[LOST + 1]["status"]
+    assert "electrodes lost" in rows[LOST + 1]["status"]
     assert "flow saturated" in rows[SATURATED]["status"]
     assert "malformed row" in rows[-1]["status"]
     touching = [row for row in rows if row["contacts"] == "1"]
@@ -128,8 +121,8 @@ def test_the_report_is_whole(results: Path) -> None:
     text = (results / "report.html").read_text()
     assert text.startswith("<!doctype html>") and text.rstrip().endswith("</html>")
     assert "Table I" in text and "Table II" in text
-    assert text.count("data:image/png;base64,") == 8
-    assert "<h2>Joined frames</h2>" in text
+    assert text.count("data:image/png;base64,") == 9
+    assert "<h2>Smoothed frames</h2>" in text
     assert "http" not in text
     shape = meshio.read(results / "shape_00.vtu").point_data
     moved, sure = (np.abs(shape[name]).max() for name in ("displacement", "displacement_sigma"))
@@ -142,7 +135,7 @@ def test_the_report_is_whole(results: Path) -> None:
         (["estimate", "{coarse}", "no.csv", "--out", "{tmp}"], "cannot open the recording no.csv"),
         (["estimate", "no.toml", "{faulty}", "--out", "{tmp}"], "no.toml: cannot be read"),
         (["estimate", "{coarse}", "{coarse}", "--out", "{tmp}"], "lacks the columns 'time_s'"),
-        (["estimate", "{coarse}", "{faulty}", "--out", "{coarse}"], "cannot make the folder"),
+        (["estimate", "{coarse}", "{faulty}", "--out", "{coarse}"], "cannot be written: "),
         (
             ["calibrate", "{coarse}", "{faulty}", "--presses", "7", "--out", "{tmp}/a.toml"],
             "has no samples in the presses 7",
@@ -168,7 +161,7 @@ def test_a_mistake_is_told_without_a_traceback(
     assert told in err and "Traceback" not in err
 
 
-def test_fewer_estimates_are_of_the_same_senses(
+def test_fewer_estimates_are_of_the_same_sensors(
     code_of: Callable[..., int], rows: list[dict[str, str]], coarse: Path, faulty: Path, tmp_path: Path
 ) -> None:
     assert code_of("estimate", coarse, faulty, "--out", tmp_path, "--every", "7", "--quiet") == 0
@@ -181,7 +174,7 @@ def test_fewer_estimates_are_of_the_same_senses(
     assert list(fewer) == [rows[k]["time_s"] for k in wanted]
     for k in wanted:
         one, other = rows[k], fewer[rows[k]["time_s"]]
-        assert [one[f"dV{c}_mm3"] for c in range(4)] == [other[f"dV{c}_mm3"] for c in range(4)]
+        assert [one[f"flow_{c}_mm3"] for c in CHAMBERS] == [other[f"flow_{c}_mm3"] for c in CHAMBERS]
         assert (one["x_mm"], one["y_mm"]) == (other["x_mm"], other["y_mm"])
     at = rows[samples[0]]["time_s"]
     assert float(fewer[at]["force_N"]) == pytest.approx(float(rows[samples[0]]["force_N"]), rel=0.02)

@@ -10,12 +10,12 @@ import trimesh
 from rich.console import Console
 
 from softfuse.cli.mesh import quality_table
-from softfuse.robot.file import load
-from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.mesh.files import read_mesh
 from softfuse.mesh.shell import checked
 from softfuse.mesh.surface import cavities
 from softfuse.mesh.tetrahedralise import tetrahedralise
+from softfuse.robot.file import load
+from softfuse.robot.mesh import RobotMesh, build_mesh
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PAD, FINGER = CONFIGS / "pad.toml", CONFIGS / "finger.toml"
@@ -40,7 +40,7 @@ def test_the_report_tells_counts_and_quality(
     mesh = build_mesh(load(PAD)).mesh
     assert f"{len(mesh.nodes)}" in out and f"{len(mesh.tets)}" in out
     assert out.count("4704.0") == 4
-    assert "volume of cavity (-,+) [mm³]" in out and "edges [mm]" in out and "mean ratio" in out
+    assert "volume of chamber (-,+) [mm³]" in out and "edges [mm]" in out and "mean ratio" in out
     assert err == ""
 
 
@@ -51,16 +51,16 @@ def test_volumes_are_those_within_curved_walls() -> None:
         np.vstack([block.faces, ball.faces + len(block.vertices)]),
     )
     mesh = tetrahedralise(shell, 0.008, envelope=5e-3)
-    device = RobotMesh(mesh, tuple(cavities(mesh)), np.zeros(len(mesh.nodes), bool))
+    made = RobotMesh(mesh, tuple(cavities(mesh)), np.zeros(len(mesh.nodes), bool))
     console = Console(width=120)
     with console.capture() as shown:
-        console.print(quality_table("ball", ["hole"], device))
+        console.print(quality_table("ball", ["hole"], made))
 
     def told(of: str) -> float:
         return float(re.search(rf"volume of {of} \[mm³\]\W*([\d.]+)", shown.get())[1])
 
     # Flat triangles would miss it by 3 %.
-    assert told("cavity hole") == pytest.approx(1e9 * ball.volume, rel=5e-3)
+    assert told("chamber hole") == pytest.approx(1e9 * ball.volume, rel=5e-3)
     assert told("the material") == pytest.approx(1e9 * (block.volume - ball.volume), rel=5e-4)
 
 

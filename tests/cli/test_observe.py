@@ -25,7 +25,7 @@ def test_every_place_has_a_row(folder: Path) -> None:
     told = {name: np.array([float(row[name]) for row in rows]) for name in rows[0] if "sigma" in name}
     assert all(np.all(each > 0) for each in told.values())
     assert np.all(told["force_sigma_N"] <= told["blind_force_sigma_N"])
-    assert np.all(told["x_sigma_mm"] <= 0.2) and np.all(told["x_sigma_mm"] <= told["blind_x_sigma_mm"])
+    assert np.all(told["u_sigma_mm"] <= 0.2) and np.all(told["u_sigma_mm"] <= told["blind_u_sigma_mm"])
     # The cavities are alike: what is told of one corner is told of the others.
     corners = told["force_sigma_N"][[0, 2, 6, 8]]
     np.testing.assert_allclose(corners, corners[0], rtol=1e-3)
@@ -34,12 +34,49 @@ def test_every_place_has_a_row(folder: Path) -> None:
 def test_the_report_is_whole(folder: Path) -> None:
     text = (folder / "report.html").read_text()
     assert text.startswith("<!doctype html>") and text.rstrip().endswith("</html>")
-    assert text.count("data:image/png;base64,") == 3 and "By the cavities alone" in text
+    assert text.count("data:image/png;base64,") == 3 and "By the readings alone" in text
 
 
-def test_a_device_pressed_at_electrodes_is_told(
-    code_of: Callable[..., int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_where_it_is_told_well_is_said(
+    code_of: Callable[..., int], tmp_path: Path, capsys: pytest.CaptureFixture[str], coarse: Path
 ) -> None:
-    finger = Path(__file__).parents[2] / "configs" / "finger.toml"
-    assert code_of("observe", finger, "--out", tmp_path / "o") == 2
-    assert 'contact.model: a workspace is that of discs, not of a "patch"' in capsys.readouterr().err
+    assert code_of("observe", coarse, "--out", tmp_path / "o", "--side", "2") == 0
+    out = capsys.readouterr().out
+    assert "force known to 6 %: at 100 % of the places" in out
+    assert "place known to 2 mm: at 100 % of the places" in out and "both: at 100 % of the places" in out
+
+
+@pytest.mark.slow
+def test_contacts_at_electrodes_are_looked_at_there(
+    code_of: Callable[..., int], tmp_path: Path, linear_finger: Callable[..., Path]
+) -> None:
+    out = tmp_path / "o"
+    assert code_of("observe", linear_finger(), "--out", out, "--force", "0.2", "--quiet") == 0
+    with (out / "observability.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(rows) == 12 and rows[-2]["place"] == "tip left"
+    assert [float(rows[-2][f"{axis}_mm"]) for axis in "xyz"] == [108.0, 10.0, 10.0]
+    assert all(0 < float(row["force_sigma_N"]) < 0.2 for row in rows)
+    assert (out / "report.html").read_text().count("data:image/png;base64,") == 3
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ('name = "indenter"', 'name = "thumb"', 'there is no contact "indenter"'),
+        ('x = ["-30 mm", "30 mm"]', 'x = ["-30 mm", "20 V"]', "contact[0].workspace.x"),
+    ],
+)
+def test_a_mistake_is_told(
+    code_of: Callable[..., int],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    coarse: Path,
+    old: str,
+    new: str,
+    told: str,
+) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text(coarse.read_text().replace(old, new))
+    assert code_of("observe", path, "--out", tmp_path / "o") == 2
+    assert told in capsys.readouterr().err

@@ -137,11 +137,11 @@ def test_the_newest_estimates_say_where_and_how_hard(recorded: Session, rows: li
     assert all(e.end_to_end_ms is not None and e.end_to_end_ms > 0 for e in estimates)
 
 
-def test_joined_frames_are_beside_single_ones(recorded: Session, rows: list[dict[str, str]]) -> None:
-    names = [name for name in recorded.info.estimates if name.startswith("joined_")]
+def test_filtered_frames_are_beside_single_ones(recorded: Session, rows: list[dict[str, str]]) -> None:
+    names = [name for name in recorded.info.estimates if name.startswith("filtered_")]
     assert names == [
-        *("joined_force_N", "joined_force_sigma_N", "joined_x_mm", "joined_y_mm"),
-        *("joined_x_sigma_mm", "joined_y_sigma_mm"),
+        *("filtered_x_mm", "filtered_y_mm", "filtered_z_mm", "filtered_force_N"),
+        *("filtered_x_sigma_mm", "filtered_y_sigma_mm", "filtered_z_sigma_mm", "filtered_force_sigma_N"),
     ]
 
     def told(estimate: EstimateEntry) -> list[str]:
@@ -154,12 +154,12 @@ def test_joined_frames_are_beside_single_ones(recorded: Session, rows: list[dict
     assert [told(e) for e in touching] == [names] * len(touching)
     assert not any(told(e) for e in estimates if not e.fields["contacts"])
     last = estimates[-1]
-    single, joined = (
+    single, filtered = (
         np.array([last.fields[prefix + name] for name in ("x_mm", "y_mm", "force_N")], float)
-        for prefix in ("", "joined_")
+        for prefix in ("", "filtered_")
     )
-    np.testing.assert_allclose(joined, single, atol=0.3)
-    assert not np.array_equal(joined, single)
+    np.testing.assert_allclose(filtered, single, atol=0.3)
+    assert not np.array_equal(filtered, single)
 
 
 def test_estimates_are_converted_with_what_frames_say_together(
@@ -170,9 +170,9 @@ def test_estimates_are_converted_with_what_frames_say_together(
     with table.open(newline="") as stream:
         written = list(csv.DictReader(stream))
     estimates = [*recorded.estimates()]
-    assert float(written[-1]["joined_force_N"]) == estimates[-1].fields["joined_force_N"]
+    assert float(written[-1]["filtered_force_N"]) == estimates[-1].fields["filtered_force_N"]
     # The first frame is one without contact.
-    assert written[0]["joined_force_N"] == written[0]["joined_x_mm"] == ""
+    assert written[0]["filtered_force_N"] == written[0]["filtered_x_mm"] == ""
 
 
 @pytest.mark.parametrize("speed", [(), ("--speed", "4")])
@@ -188,18 +188,18 @@ def test_a_replay_gives_the_same_numbers_to_the_last_bit(
     assert f"{count} of {count} estimates are the recorded ones to the last bit" in capsys.readouterr().out
 
 
-def test_the_live_view_shows_joined_frames(
+def test_the_live_view_shows_filtered_frames(
     code_of: Callable[..., int], tmp_path: Path, session: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shown: list[Picture] = []
     monkeypatch.setattr(RerunView, "show", lambda self, picture: shown.append(picture))
     assert code_of("replay", session, "--save-view", tmp_path / "v.rrd", "--quiet") == 0
     first, last = shown[0], shown[-1]
-    assert "joined" not in first.status and np.isnan(first.series["force/joined_force_N"])
+    assert "filtered" not in first.status and np.isnan(first.series["force/filtered_force_N"])
     assert first.status == "no contact"
-    force, sigma = (last.series[f"force/joined_force_{what}"] for what in ("N", "sigma_N"))
-    assert last.status.startswith(f"ok\ncontact 0, joined: {force:.2f} ± {sigma:.2f} N at (")
-    assert abs(last.series["model/joined_x_mm"] - last.series["model/x_mm"]) < 0.3
+    force, sigma = (last.series[f"force/filtered_force_{what}"] for what in ("N", "sigma_N"))
+    assert last.status.startswith(f"ok\nindenter, filtered: {force:.2f} ± {sigma:.2f} N at (")
+    assert abs(last.series["model/filtered_x_mm"] - last.series["model/x_mm"]) < 0.3
 
 
 def test_a_converted_recording_replays_too(

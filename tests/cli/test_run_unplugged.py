@@ -7,9 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.cli import run
-from softfuse.cli.live_parts import Estimating, estimating
-from softfuse.robot.file import RobotSettings, load
 from softfuse.experiment.programme import Programme
 from softfuse.hardware.record.session_reader import Session, read_session
 from softfuse.hardware.virtual.board import VirtualBoard
@@ -19,6 +16,9 @@ from softfuse.hardware.virtual.pseudo_terminal import PseudoTerminal
 from softfuse.hardware.virtual.serving import Outages, RealTime, VirtualDevice, VirtualPort
 from softfuse.hardware.wire.channel import Channel, RawType
 from softfuse.hardware.wire.description import Description
+from softfuse.report.live import LiveEstimates
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 
 RATE_HZ, DRIFT_PPM = 100.0, 200.0
 AWAY_S, EVERY_S, LENGTH_S = 0.7, 2.5, 8.0
@@ -45,27 +45,30 @@ def recorded(
     powered: bool, code_of: Callable[..., int], tmp_path_factory: pytest.TempPathFactory, coarse: Path
 ) -> Session:
     """Two boards with clocks of their own; every channel says the true time [s] since they began."""
-    settings = load(coarse).sensors
-    assert settings is not None
+    settings = load(coarse)
     folder = tmp_path_factory.mktemp("session")
-    lines = tuple(name for name in settings.channels if not name.startswith("flow"))
+    lines, flows = (
+        tuple(name for name in settings.channels if name.startswith("flow") == flow) for flow in (False, True)
+    )
     ports = []
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for number, names, rate_Hz, drift in (
             (1, lines, RATE_HZ, DRIFT_PPM),
-            (2, settings.flow.channels, 2 * RATE_HZ, -DRIFT_PPM),
+            (2, flows, 2 * RATE_HZ, -DRIFT_PPM),
         ):
             readings = np.tile(np.linspace(0.0, 600.0, 601)[:, None], len(names))
             ports.append(port_of(number, Programme(1.0, names, readings, {}), rate_Hz, drift))
         device = VirtualDevice(ports, RealTime(), outages=Outages(AWAY_S, EVERY_S, powered))
 
-        def estimating_then_plugged(config: RobotSettings, charts: Path | None) -> Estimating:
-            parts = estimating(config, charts)
-            device.start()  # compiling would take until after the first outage
-            return parts
+        built = LiveEstimates.built
 
-        patch.setattr(run, "estimating", estimating_then_plugged)
+        def built_then_plugged(settings: RobotSettings, charts: Path | None = None) -> LiveEstimates:
+            live = built(settings, charts)
+            device.start()  # compiling would take until after the first outage
+            return live
+
+        patch.setattr(LiveEstimates, "built", built_then_plugged)
         urls = [argument for port in ports for argument in ("--port", port.urls[0])]
         assert code_of("run", coarse, *urls, "--record", "s.mcap", "--for", LENGTH_S) == 0
         device.stop()

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from softfuse.cli.sources import connection_of, driver_of, open_port_of
+from softfuse.hardware.source.configured import connection_of, driver_of, open_port_of
 from softfuse.robot.source import AnySource, AtiNetFtSource, BotaSource, Preset, RobotousRftSource
 from softfuse.errors import HardwareError
 from softfuse.hardware.source.ati_net_ft import AtiNetFt

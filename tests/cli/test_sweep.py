@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +24,13 @@ from distributed import Client, LocalCluster
 from softfuse.cli import sweep_worker
 from softfuse.cli.sweep_worker import Chunk, Pressed, solve_chunk
 from softfuse.cli.version import installed_version
-from softfuse.robot.file import load, save_edited
-from softfuse.config.build_device import build_device
-from softfuse.robot.press_series import build_series
-from softfuse.robot.digest import digest
-from softfuse.robot.press_plan import load_plan
+from softfuse.config import load, save_edited
+from softfuse.config.build_device import build_device, electrode_places
+from softfuse.config.build_sweep import build_series
+from softfuse.config.digest import digest
+from softfuse.config.sweep_plan import load_plan
 from softfuse.errors import SoftfuseError
+from softfuse.functional.chart import facing
 from softfuse.mechanics.cable import ShortenedCable
 from softfuse.mechanics.model import simulate
 
@@ -110,7 +112,7 @@ def test_rows_are_those_of_single_simulations_and_none_is_computed_twice(
         if count == 1:
             assert row["contact1_x_mm"] is None and row["contact1_force_N"] is None
         device = devices[row["modulus_factor"]]
-        places = jnp.array(at)
+        places = jnp.asarray(facing(np.array(at), (0, 0, -1)))
         solution = simulate(device, places, jnp.array(force), device.rest_state(places))
         volumes = 1e9 * np.asarray(device.reading(solution.state))
         assert np.max(np.abs(volumes)) > 1.0
@@ -259,16 +261,10 @@ def test_a_finger_is_pressed_while_its_cable_is_shortened(
     assert alone[columns.index("force_N")] == 0.0 and found["force_N"] == 0.2
 
     device = build_device(config)
-    cable, gas = device.attached
-    device = type(device)(
-        device.body,
-        device.sensors,
-        device.contact,
-        device.linear,
-        (ShortenedCable.of(cable, device.body), gas),
-        device.gauges,
-    )
-    places = jnp.array([[electrode.name for electrode in config.electrodes].index("tip left")])
+    cable, gas = device.actuators
+    device = replace(device, actuators=(ShortenedCable.of(cable, device.body), gas))
+    number = [electrode.name for electrode in config.electrodes].index("tip left")
+    places = jnp.asarray(electrode_places(config)[[number]])
     drive = jnp.array([0.1, 0.1, 5e-3, *6 * [101325.0]])
     reading = device.reading(simulate(device, places, drive, device.rest_state(places)).state)
     np.testing.assert_allclose([found[name] for name in columns[7:]], reading, rtol=1e-8)

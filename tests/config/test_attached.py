@@ -1,11 +1,14 @@
 """Cables, gas, electrodes, points and the finger's sensors: what is read, and how mistakes are told."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
+from pydantic import ValidationError
 
-from softfuse.robot.file import load
+from softfuse.config import load
+from softfuse.config.attached import ElectrodePlace
 from softfuse.config.contact import PatchSettings
 from softfuse.errors import ConfigError
 
@@ -44,6 +47,38 @@ def test_the_finger_has_what_the_design_attaches_to_it(write_finger: Write) -> N
     ]
     assert config.centreline is not None
     assert config.centreline.points == tuple((x, 0.0, 0.01) for x in (0.0, 0.03, 0.06, 0.09, 0.12))
+
+
+def electrode_of(direction: Sequence[float], span: Sequence[str]) -> ElectrodePlace:
+    """An electrode at (10, 20, 30) mm."""
+    given = {"name": "side", "centre": ["10 mm", "20 mm", "30 mm"], "direction": direction, "span": span}
+    return ElectrodePlace.model_validate(given)
+
+
+@pytest.mark.parametrize("direction", [(0.0, 1.0, 0.0), (2.0, 1.0, 0.0), (0.3, -0.4, 1.2)])
+def test_the_first_tangent_of_an_electrode_is_along_its_span_across_the_direction(direction) -> None:
+    """What of the span is along the direction moves nothing: patches are carried along that."""
+    electrode = electrode_of(direction, ["8 mm", "0 mm", "6 mm"])
+    point, u, v = electrode.place
+    np.testing.assert_array_equal(point, [0.01, 0.02, 0.03])
+    np.testing.assert_allclose([u @ u, v @ v, u @ v], [1, 1, 0], atol=1e-15)
+    into = np.array(direction) / np.linalg.norm(direction)
+    np.testing.assert_allclose(np.cross(v, u), into, atol=1e-15)
+    assert len(electrode.arms) == 2
+    for arm, share in zip(electrode.arms, (-0.5, 0.5), strict=True):
+        away = share * np.array(electrode.span) - arm * u
+        np.testing.assert_allclose(np.cross(away, into), 0.0, atol=1e-17)
+
+
+def test_an_electrode_without_a_span_is_pressed_in_its_middle() -> None:
+    electrode = electrode_of((0.0, 0.0, -1.0), ["0 mm", "0 mm", "0 mm"])
+    assert electrode.arms == (0.0,)
+    np.testing.assert_array_equal(electrode.place, [[0.01, 0.02, 0.03], [1, 0, 0], [0, 1, 0]])
+
+
+def test_a_span_along_the_direction_is_told() -> None:
+    with pytest.raises(ValidationError, match="runs along the direction: give it along the surface"):
+        electrode_of((0.3, -0.4, 1.2), ["3 mm", "-4 mm", "12 mm"])
 
 
 def test_the_finger_has_a_column_for_every_reading(write_finger: Write) -> None:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_sensors import capacitive_array, d6f_p0001a1, peak_model, touch_detector
+from manifold3d import Manifold
 
 from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
@@ -16,12 +16,17 @@ from softfuse.robot.mesh import build_mesh
 from softfuse.config.build_sensors import (
     build_sensors,
 )
+from softfuse.config.sensors import CapacitiveSettings, FlowSettings
 from softfuse.errors import ConfigError
+from softfuse.functional.cavity import Cavity
+from softfuse.material import silicone
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.files import write_mesh, write_surface
-from softfuse.mesh.shell import shell_of
+from softfuse.mesh.overlap import outline
+from softfuse.mesh.shell import Shell, shell_of
 from softfuse.mesh.surface import centroid, enclosed_volume
-from softfuse.mesh.tetmesh import tet_mesh, volumes
+from softfuse.mesh.tetmesh import linear, tet_mesh, volumes
+from softfuse.sensing import CapacitiveArray, capacitive_array, d6f_p0001a1, peak_model, touch_detector
 
 Write = Callable[..., Path]
 
@@ -80,7 +85,7 @@ def test_a_cavity_that_does_not_fit_as_made_is_told(write: Write) -> None:
 
 def test_a_punch_has_the_layer_that_is_given(write: Write) -> None:
     asked = write(*COARSE, ('max_force = "25 N"', 'max_force = "25 N"\ncompliance = "0.5 mm/MPa"'))
-    contact = build_device(load(asked)).contact
+    (contact,) = build_device(load(asked)).contacts
     assert isinstance(contact, PunchContact)
     assert float(contact.disc.compliance) == pytest.approx(0.5e-9)
 
@@ -101,8 +106,8 @@ def test_fixed_ranges_are_joined_by_and(write: Write) -> None:
 @pytest.mark.parametrize(
     ("fixed", "told"),
     [
-        ('z = ["-2 mm", "-1 mm"]', "no node of the mesh is in these ranges; it reaches from"),
-        ('z = ["0 mm", "18 mm"]', "all nodes of the mesh are in these ranges: narrow them"),
+        ('z = ["-2 mm", "-1 mm"]', "no node of the mesh is in these ranges (and group); it reaches from"),
+        ('z = ["0 mm", "18 mm"]', "all nodes of the mesh are held: narrow the ranges"),
     ],
 )
 def test_a_wrong_fixed_region_is_told(write: Write, fixed: str, told: str) -> None:
@@ -241,3 +246,102 @@ def test_tables_that_are_needed_are_told(write: Write, pad_text: str, table: str
     path = write((pad_text[start:end], ""))
     with pytest.raises(ConfigError, match=rf"^{path}: {table}: missing, "):
         build_sensors(load(path))
+
+
+def _of_material(write: Write, keys: str) -> Path:
+    young = '# Dragon Skin 30; fit it to presses of known force\npoisson = 0.49\ndensity = "1080 kg/m^3"'
+    return write((f'law = "neo-hookean"\nyoung = "0.6 MPa"                               {young}', keys))
+
+
+def test_a_silicone_is_given_by_its_name(write: Write) -> None:
+    config = load(_of_material(write, 'silicone = "ecoflex 00-30"'))
+    (material,) = build_materials(config)
+    expected = silicone("Ecoflex 00-30", 0.49)
+    f = jnp.diag(jnp.array([1.5, 0.8, 0.9]))
+    assert float(material.energy(f)) == pytest.approx(float(expected.energy(f)), rel=1e-6)
+    assert config.body.materials[0].density == 1070.0
+    other = load(_of_material(write, 'silicone = "Dragon Skin 10"\nc1 = "30 kPa"\nbulk = "9 MPa"'))
+    (material,) = other.body.materials
+    assert (material.law, material.c1, material.c2, material.bulk) == ("yeoh", 30e3, 3.04e3, 9e6)
+    assert material.poisson is None
+
+
+@pytest.mark.parametrize(
+    ("keys", "told"),
+    [
+        ('silicone = "Playdough"', 'silicone: "Playdough" is not in the table: it has Ecoflex 00-30, '),
+        ('silicone = "Ecoflex 00-30"\nlaw = "ogden"', 'silicone: names a Yeoh law: remove law = "ogden"'),
+        ('silicone = "Ecoflex 00-30"\nyoung = "1 MPa"', "young: unknown key"),
+    ],
+)
+def test_a_silicone_that_cannot_be_is_told(write: Write, keys: str, told: str) -> None:
+    path = _of_material(write, keys)
+    with pytest.raises(ConfigError) as caught:
+        load(path)
+    assert str(caught.value).startswith(f"{path}: body.material[0].{told}")
+
+
+def test_nodes_are_held_by_a_group_of_the_file(write: Write, tmp_path: Path, pad_text: str) -> None:
+    pad = build_mesh(load(write(*COARSE))).mesh
+    low = (pad.nodes[:, 2] < 1e-9).astype(np.int32)
+    write_mesh(tmp_path / "pad.vtu", linear(pad), point_data={"base": low[: pad.n_corners]})
+    source = 'type = "mesh"\nfile = "pad.vtu"\nunit = "m"\n'
+    path = _from_file(pad_text, tmp_path, source)
+    text = path.read_text()
+
+    def held(fixed: str) -> np.ndarray:
+        path.write_text(text.replace('z = ["0 mm", "0 mm"]', fixed))
+        return build_mesh(load(path)).fixed
+
+    np.testing.assert_array_equal(held('group = "base"'), low)
+    both = held('group = ["base"]\nx = ["-40 mm", "0 mm"]')
+    np.testing.assert_array_equal(both, low * (pad.nodes[:, 0] < 1e-9))
+    with pytest.raises(ConfigError) as caught:
+        held('group = "top"')
+    assert str(caught.value) == (
+        f'{path}: body.fixed.group: the mesh has no group "top", its groups are: "base"'
+    )
+
+
+CHAMBERED = """
+device.name = "bar"
+body.source = {{type = "{type}", file = "{file}", unit = "mm"{edge}}}
+body.fixed = {{x = ["0 mm", "0 mm"]}}
+body.material = [{{silicone = "Dragon Skin 30"}}]
+
+[[cavity]]
+name = "closed"
+centre = ["22 mm", "6 mm", "6 mm"]
+file = "closed.stl"
+
+[[cavity]]
+name = "open"
+centre = ["4 mm", "6 mm", "6 mm"]
+mouth = {{at = ["0 mm", "6 mm", "6 mm"], outwards = [-1, 0, 0]}}
+"""
+
+
+def test_chambers_come_from_files_and_may_be_open(tmp_path: Path) -> None:
+    block = Manifold.cube([30, 12, 12])
+    inlet, hole = (
+        Manifold.cube([10, 4, 4]).translate([-1, 4, 4]),
+        Manifold.cube([8, 6, 6]).translate([18, 3, 3]),
+    )
+    for name, of in (("body", block - inlet), ("closed", hole)):
+        nodes, faces = outline(of)
+        write_surface(tmp_path / f"{name}.stl", Shell(nodes, faces))
+    path = tmp_path / "bar.toml"
+    path.write_text(CHAMBERED.format(type="surface", file="body.stl", edge=', edge_length = "6 mm"'))
+    made = build_mesh(load(path))
+    of_file = [float(Cavity.of(each.faces)(jnp.asarray(made.mesh.nodes))) for each in made.cavities]
+    assert of_file == pytest.approx([288e-9, 144e-9], rel=5e-3)
+    # The same body as a volume mesh, in which the file tells which void is meant.
+    write_mesh(tmp_path / "body.vtu", tet_mesh(1e3 * made.mesh.nodes, made.mesh.tets))
+    path.write_text(CHAMBERED.format(type="mesh", file="body.vtu", edge=""))
+    again = build_mesh(load(path))
+    for one, other in zip(made.cavities, again.cavities, strict=True):
+        assert {*map(tuple, np.sort(one.faces))} == {*map(tuple, np.sort(other.faces))}
+    moved = outline(hole.translate([0, 2, 0]))
+    write_surface(tmp_path / "closed.stl", Shell(*moved))
+    with pytest.raises(ConfigError, match=r"cavity: the void of 288 mm³ .* is up to 2 mm off it"):
+        build_mesh(load(path))

@@ -9,10 +9,17 @@ import numpy as np
 import pytest
 from made_sensors import electrode_detector, nxp
 
-from softfuse.robot.file import RobotSettings, load
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 from softfuse.config.build_attached import build_attached, build_centreline, build_points
-from softfuse.config.build_device import build_device, build_limits, build_rates, with_contact_model
-from softfuse.config.build_finger_sensors import build_finger_sensors
+from softfuse.config.build_device import (
+    build_device,
+    build_limits,
+    build_rates,
+    electrode_places,
+    with_contact_model,
+)
+from softfuse.config.build_finger_sensors import build_finger_sensors, electrode_thresholds, pressure_sensor
 from softfuse.config.build_mesh import DeviceMesh, build_mesh
 from softfuse.config.build_sensors import build_sensors
 from softfuse.errors import ConfigError
@@ -24,6 +31,7 @@ from softfuse.mechanics.gas import SealedGas
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.reading import AnswerReading
 from softfuse.mesh.surface import outer_surface
 
 Write = Callable[..., Path]
@@ -57,20 +65,20 @@ def edited(coarse_finger: Write) -> Edited:
     return lambda *changes: load(coarse_finger(*changes))
 
 
-def test_readings_are_the_cable_and_then_the_pressures(device: Model) -> None:
-    assert device.sensors == ()
-    cable, gas = device.attached
+def test_readings_are_the_cable_and_then_the_pressures(config: DeviceConfig, device: Model) -> None:
+    assert device.readings == (AnswerReading(tuple(range(7))),)
+    cable, gas = device.actuators
     assert isinstance(cable, PulledCable) and isinstance(gas, SealedGas)
-    assert device.gauges == tuple(range(7))
-    assert device.readings == 7
-    state = device.rest_state(jnp.array([0, 5]))
+    assert device.n_readings == 7
+    np.testing.assert_array_equal(device.answered, range(7))
+    state = device.rest_state(jnp.asarray(electrode_places(config)[[0, 5]]))
     assert state.drive.shape == (4 + 1 + 6,)
     np.testing.assert_allclose(state.drive, [*[0] * 5, *[101325.0] * 6])
     np.testing.assert_allclose(device.reading(state), 0.0, atol=1e-12)
 
 
 def test_guides_are_where_the_config_says(device: Model) -> None:
-    cable = device.attached[0]
+    cable = device.actuators[0]
     assert isinstance(cable, PulledCable)
     ports, body = cable.ports, device.body
     places = ports.values(body, jnp.zeros(body.n)).reshape(-1, 3)
@@ -84,8 +92,8 @@ def test_guides_are_where_the_config_says(device: Model) -> None:
     assert np.abs(shape).max() <= 1.0 + 1e-9
 
 
-def test_cavities_hold_gas_in_the_order_of_the_config(config: RobotSettings, device: Model) -> None:
-    gas = device.attached[1]
+def test_cavities_hold_gas_in_the_order_of_the_config(config: DeviceConfig, device: Model) -> None:
+    gas = device.actuators[1]
     assert isinstance(gas, SealedGas)
     np.testing.assert_allclose(gas.rest, 480e-9)
     np.testing.assert_allclose(gas.dead, 100e-9)
@@ -98,25 +106,27 @@ def test_cavities_hold_gas_in_the_order_of_the_config(config: RobotSettings, dev
 def test_each_cavity_may_have_its_own_dead_volume(edited: Edited, device: Model) -> None:
     dead = ", ".join(f'"{10 * k} mm^3"' for k in range(6))
     other = edited(('"100 mm^3"', f"[{dead}]"), ("exponent = 1.0", "exponent = 1.4"))
-    gas = device.attached[1]
+    gas = device.actuators[1]
     assert other.gas is not None and isinstance(gas, SealedGas)
     loaded = other.gas.load(device.body, gas.ports.cavities)
     np.testing.assert_allclose(loaded.dead, 1e-8 * np.arange(6), atol=1e-20)
     assert float(loaded.exponent) == 1.4
 
 
-def _check_frames(contact: PatchContact, device: Model, config: RobotSettings) -> None:
-    for k, electrode in enumerate(config.electrodes):
-        for patch, middle in zip(contact.at(jnp.asarray(k)), electrode.middles, strict=True):
+def _check_frames(contact: PatchContact, device: Model, config: DeviceConfig) -> None:
+    for electrode, place in zip(config.electrodes, electrode_places(config), strict=True):
+        ends = np.array(electrode.centre) + np.outer([-0.5, 0.5], electrode.span)
+        for patch, middle in zip(contact.at(jnp.asarray(place)), ends[: contact.drives], strict=True):
             frame = np.asarray(FRAME(patch, device.body)[0])
             np.testing.assert_allclose(frame[:3], middle, atol=1e-12)
             np.testing.assert_allclose(np.cross(frame[3:6], frame[6:9]), electrode.direction, atol=1e-12)
 
 
-def test_patches_are_on_the_electrodes_and_press_inwards(config: RobotSettings, device: Model) -> None:
-    contact = device.contact
+def test_patches_are_on_the_electrodes_and_press_inwards(config: DeviceConfig, device: Model) -> None:
+    (contact,) = device.contacts
     assert isinstance(contact, PatchContact)
-    assert (contact.location.shape, contact.drives) == ((12, 2, 3), 2)
+    np.testing.assert_allclose(contact.offsets, [-5e-3, 5e-3])
+    assert (len(config.electrodes), contact.drives) == (12, 2)
     assert float(contact.radius) == 4e-3
     _check_frames(contact, device, config)
 
@@ -128,15 +138,16 @@ def test_an_electrode_without_a_span_is_pressed_in_its_middle(
     old = finger_text[finger_text.index("[[electrode]]") : finger_text.index("[[point]]")]
     assert old.count(span) == 12
     middle = edited((old, old.replace(span, "")))
-    assert middle.electrodes[0].middles == (pytest.approx((0.012, 0, 0)),)
+    assert middle.electrodes[0].arms == (0.0,)
+    np.testing.assert_allclose(middle.electrodes[0].place[0], (0.012, 0, 0))
     assert middle.contact is not None
     contact = middle.contact.contact(outer_surface(mesh.mesh).faces, mesh.mesh.nodes, middle.electrodes)
     assert isinstance(contact, PatchContact)
-    assert (contact.location.shape, contact.drives) == ((12, 1, 3), 1)
+    assert (len(middle.electrodes), contact.drives) == (12, 1)
     _check_frames(contact, device, middle)
     np.testing.assert_allclose(build_limits(middle, 2).upper, [5.0, 5.0, 20.0, *[101325.0] * 6])
     assert build_rates(middle, 2).drive.shape == (9,)
-    with pytest.raises(ConfigError, match=r"electrode\[1\].span: give a span to all electrodes or to none"):
+    with pytest.raises(ConfigError, match=r"electrode\[1\].span: give all electrodes spans of the same len"):
         edited((old, old.replace(span, "", 1)))
 
 
@@ -146,10 +157,10 @@ def test_limits_are_those_of_contacts_cables_and_gas(config: RobotSettings, devi
     np.testing.assert_allclose(limits.upper, [5, 5, 5, 5, 20, *[101325.0] * 6])
     # 1e-6 per square of a newton, and of the thousandth of the atmosphere that the gas counts as one.
     np.testing.assert_allclose(limits.regularisation, [1e-6] * 5 + [1e-6 / 101.325**2] * 6)
-    gas = device.attached[1]
+    gas = device.actuators[1]
     assert isinstance(gas, SealedGas)
     np.testing.assert_allclose(limits.regularisation[5:] * gas.units() ** 2, 1e-6)
-    assert limits.lower.shape == (4 + Loads(device.attached).sizes.drives,)
+    assert limits.lower.shape == (4 + Loads(device.actuators).sizes.drives,)
 
 
 def test_rates_are_those_of_the_cables(config: RobotSettings, edited: Edited) -> None:
@@ -185,9 +196,9 @@ def test_a_device_may_have_no_points(edited: Edited, device: Model) -> None:
     ("old", "new", "told"),
     [
         ('["22 mm", "0 mm", "3 mm"]', '["30 mm", "0 mm", "3 mm"]',
-         r"cable\[0\].guides: point 2 at \(30, 0, 3\) mm lies outside the body by 3 mm: move it into the material"),
+         r"cable\[0\]: guide 2 at \(30, 0, 3\) mm lies [\d.]+ mm outside the body \(nearest place \("),
         ('["60 mm", "0 mm", "10 mm"]', '["60 mm", "5 mm", "10 mm"]',
-         r"centreline.points: point 2 at \(60, 5, 10\) mm lies outside the body"),
+         r"centreline.points: point 2 at \(60, 5, 10\) mm lies [\d.]+ mm outside the body"),
         ('at = ["105 mm", "0 mm"', 'at = ["125 mm", "0 mm"', r"point: point 1 at \(125, 0, 10\) mm"),
     ],
 )  # fmt: skip
@@ -195,7 +206,7 @@ def test_points_outside_the_material_are_told(
     edited: Edited, device: Model, old: str, new: str, told: str
 ) -> None:
     wrong = edited((old, new))
-    gas = device.attached[1]
+    gas = device.actuators[1]
     assert isinstance(gas, SealedGas)
     with pytest.raises(ConfigError, match=rf"^{wrong.path}: {told}"):
         build_attached(wrong, device.body, gas.ports.cavities)

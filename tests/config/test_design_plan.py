@@ -65,8 +65,8 @@ def test_the_pad_is_pressed_on_half_of_the_papers_places() -> None:
     problem = build_problem(plan, load(plan.device))
     assert isinstance(problem.objective, Unevenness)
     whole = np.linspace(-0.028, 0.028, 10)
-    np.testing.assert_allclose(np.unique(problem.places[:, 0]), whole, atol=1e-7)
-    np.testing.assert_allclose(np.unique(problem.places[:, 1]), whole[5:], atol=1e-7)
+    np.testing.assert_allclose(np.unique(problem.places[:, 0, 0]), whole, atol=1e-7)
+    np.testing.assert_allclose(np.unique(problem.places[:, 0, 1]), whole[5:], atol=1e-7)
 
 
 def test_turned_by_half_a_turn_the_pad_stays_the_same() -> None:
@@ -236,7 +236,7 @@ def test_guides_follow_parameters_into_device_and_config(tmp_path) -> None:
     mesh = layout_mesh(problem.layout, theta, problem.fineness)
     as_drawn = problem.build(mesh, 0.0 * theta)
     moved, built = (
-        device.attached[0].ports for device in (problem.follow(as_drawn, theta), problem.build(mesh, theta))
+        device.actuators[0].ports for device in (problem.follow(as_drawn, theta), problem.build(mesh, theta))
     )
     np.testing.assert_allclose(moved.points.location, built.points.location, atol=1e-15)
     saved = save_designed(plan, config, mesh, theta, tmp_path / "designed.toml")
@@ -296,7 +296,7 @@ def test_lines_of_electrodes_follow_their_pitch(changed, tmp_path, device) -> No
         told[name] = problem.touched(jnp.asarray(at))
     assert told["drawn"].shape == (len(problem.places), 2, 2)
     # Beyond the outermost lines less is told, and these are nearer to the middle now.
-    corner = int(np.argmax(problem.places[:, 0] + problem.places[:, 1]))
+    corner = int(np.argmax(problem.places[:, 0, 0] + problem.places[:, 0, 1]))
     error = {name: np.trace(np.linalg.inv(each[corner])) for name, each in told.items()}
     assert error["nearer"] > 1.2 * error["drawn"]
 

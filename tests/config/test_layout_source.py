@@ -16,6 +16,7 @@ from softfuse.robot.layout.layout_drawing import LayoutDrawing
 from softfuse.errors import ConfigError
 from softfuse.experiment.pose_cache import settings_digest
 from softfuse.functional.cavity import Cavity
+from softfuse.functional.chart import facing
 from softfuse.mechanics.model import simulate
 
 Layout = Callable[..., Path]
@@ -152,7 +153,7 @@ def test_a_layout_of_the_pads_boxes_answers_nearly_as_the_pad(layout: Layout, wr
         ('surface_size = "12 mm"', 'surface_size = "30 mm"'),
         ('base_size = "12 mm"', 'base_size = "28 mm"'),
     )
-    at, force = jnp.array([[10e-3, -6e-3, 0.0]]), jnp.array([1.0])
+    at, force = jnp.asarray(facing(np.array([[10e-3, -6e-3, 0.0]]), (0, 0, -1))), jnp.array([1.0])
 
     def answer(path: Path) -> np.ndarray:
         device = build_device(load(path))

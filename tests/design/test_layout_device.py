@@ -10,6 +10,7 @@ from softfuse.design.layout_device import device_at
 from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh
 from softfuse.errors import SoftfuseError
 from softfuse.functional import Cavity
+from softfuse.functional.chart import facing
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
@@ -18,11 +19,12 @@ from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.newton import Newton, solve
 from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.reading import AnswerReading, ShapeReading
 from softfuse.mechanics.solution import RESULTS, State
 from softfuse.mesh.pad import finer_to_the_top
 from softfuse.mesh.surface import outer_surface
 
-DISC = jnp.array([[0.012, 0.003, 0.018]])
+DISC = jnp.asarray(facing(np.array([[0.012, 0.003, 0.018]]), (0, 0, -1)))
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +41,8 @@ def sealed(twins, mesh) -> Model:
     contact = Contact(surface, flat_punch((0.7, 1.0), (3, 6)), jnp.zeros(3), jnp.asarray(0.008))
     vented, closed = (Cavity(jnp.asarray(wall.faces)) for wall in mesh.walls)
     gas = SealedGas.of((closed,), body, jnp.array([1e-6]))
-    return Model(body, (vented,), PunchContact(contact), Multifrontal.plan(body), (gas,), (0,))
+    readings = ShapeReading(vented), AnswerReading((0,))
+    return Model(body, readings, (PunchContact(contact),), Multifrontal.plan(body), (gas,))
 
 
 @pytest.mark.slow
@@ -68,7 +71,7 @@ def test_readings_have_the_derivatives_of_re_solves(twins, mesh, sealed) -> None
 
 
 def test_gas_is_sealed_in_the_cavities_as_they_are(twins, mesh, sealed, changed) -> None:
-    (gas,) = device_at(sealed, mesh, jnp.asarray(changed)).attached
+    (gas,) = device_at(sealed, mesh, jnp.asarray(changed)).actuators
     assert isinstance(gas, SealedGas)
     exact = Cavity(jnp.asarray(mesh.walls[1].faces))(mesh.rest(jnp.asarray(changed)))
     np.testing.assert_allclose(gas.rest, [exact], rtol=1e-12)

@@ -12,8 +12,9 @@ from softfuse.design.straining import largest_strain
 from softfuse.design.verification import pressed
 from softfuse.errors import SolveError
 from softfuse.estimation.rest_response import rest_response
+from softfuse.functional.chart import facing
 
-PLACES = jnp.array([[0.012, -0.015, 0.0], [-0.01, 0.016, 0.0]])
+PLACES = jnp.asarray(facing(np.array([[0.012, -0.015, 0.0], [-0.01, 0.016, 0.0]]), (0, 0, -1)))
 
 
 @pytest.fixture(scope="module")

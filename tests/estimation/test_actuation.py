@@ -15,12 +15,14 @@ from softfuse.body import LINEAR, Body, mesh_for
 from softfuse.estimation.limits import Limits, Rates, within_rates
 from softfuse.estimation.step import Observation, exact_steps, strokes
 from softfuse.functional import Marker, uniform
+from softfuse.functional.chart import facing
 from softfuse.material import NeoHookean
 from softfuse.mechanics import RESULTS
 from softfuse.mechanics.cable import PulledCable
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.reading import AnswerReading, ShapeReading
 from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.surface import boundary_faces
@@ -28,7 +30,7 @@ from softfuse.mesh.tetmesh import tet_mesh
 
 LENGTH, SIDE = 0.06, 0.012
 ALONG = (0.012, 0.027, 0.041, 0.055)
-NOWHERE = jnp.zeros(0, int)
+NOWHERE = jnp.zeros((0, 3, 3))
 STEPS = 20
 
 
@@ -50,11 +52,10 @@ def robot() -> Robot:
         body, np.array([[x, 0.010, 0.006] for x in ALONG]), np.array([0, 0.010, 0.006])
     )
     tip = int(np.argmin(np.linalg.norm(mesh.nodes - [LENGTH, SIDE, SIDE], axis=1)))
-    sensors = (Marker.of(body, mesh.nodes[tip]),)
-    sides = np.array([[[0.045, SIDE, 0.006]], [[0.045, 0.006, SIDE]]])
-    inwards = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])
-    contact = PatchContact.on(boundary_faces(mesh).faces, sides, inwards, uniform(rings=3, angles=8), 0.003)
-    device = Model(body, sensors, contact, Dense.plan(body), (below, left), gauges=(0, 1))
+    markers = (Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
+    readings = (*map(ShapeReading, markers), AnswerReading((0, 1)))
+    contact = PatchContact.on(boundary_faces(mesh).faces, uniform(rings=3, angles=8), 0.003)
+    device = Model(body, readings, (contact,), Dense.plan(body), (below, left))
     # A trace of regularisation keeps the cables that no target needs at rest.
     return Robot(device, Limits(jnp.zeros(2), jnp.full(2, 20.0), jnp.full(2, 1e-9), motion=jnp.array(3e-3)))
 
@@ -158,7 +159,9 @@ def test_in_no_time_nothing_with_a_rate_changes(robot: Robot) -> None:
 @pytest.mark.slow
 def test_pushes_on_two_sides_are_told_apart(robot: Robot) -> None:
     """Two contacts along the current normals and no cable: the tip's coordinates tell both."""
-    device, places = robot.device, jnp.array([0, 1])
+    device = robot.device
+    sides = (([0.045, SIDE, 0.006], (0, -1, 0)), ([0.045, 0.006, SIDE], (0, 0, -1)))
+    places = jnp.array([facing(np.array(point), direction) for point, direction in sides])
     true = jnp.array([0.25, 0.15, 0.0, 0.0])
     limits = Limits(jnp.zeros(4), jnp.array([5.0, 5.0, 0.0, 0.0]), jnp.full(4, 1e-9), motion=jnp.array(3e-3))
 
@@ -176,11 +179,13 @@ def test_pushes_on_two_sides_are_told_apart(robot: Robot) -> None:
 @pytest.mark.slow
 def test_a_contact_is_in_the_middle_of_its_place_unless_the_readings_say_otherwise(robot: Robot) -> None:
     """Two patches 10 mm apart whose forces stand for one between them; it presses 2.5 mm beside it."""
-    sides = np.array([[[0.038, SIDE, 0.006], [0.048, SIDE, 0.006]]])
-    faces, cells = np.asarray(robot.device.contact.faces), robot.device.contact.cells
-    contact = PatchContact.on(faces, sides, np.array([[0.0, -1.0, 0.0]]), cells, 0.003)
-    device, place = replace(robot.device, contact=contact), jnp.array([0])
-    np.testing.assert_allclose(contact.arms(place[0]), [-5e-3, 5e-3], atol=1e-12)
+    (single,) = robot.device.contacts
+    assert isinstance(single, PatchContact)
+    contact = PatchContact.on(np.asarray(single.faces), single.cells, 0.003, (-5e-3, 5e-3))
+    device = replace(robot.device, contacts=(contact,))
+    place = jnp.asarray(facing(np.array([[0.043, SIDE, 0.006]]), (0, -1, 0)))
+    np.testing.assert_array_equal(place[0, 1], [1, 0, 0])
+    np.testing.assert_allclose(contact.arms, [-5e-3, 5e-3], atol=1e-12)
     true = jnp.array([0.3, 0.1, 0.0, 0.0])
     limits = Limits(
         jnp.zeros(4),

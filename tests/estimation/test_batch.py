@@ -14,10 +14,12 @@ import pytest
 from softfuse.errors import SolveError
 from softfuse.estimation.batch import batched
 from softfuse.estimation.step import Observation, exact_steps
+from softfuse.functional.chart import facing
 from softfuse.mechanics.model import Model, simulate
 
 MM = 1e-3
-PLACES = jnp.array([[[x * MM, y * MM, 0.0]] for x, y in ((-17, 0), (-14, 3), (12, -2), (14, -3), (0, 0))])
+PRESSED_AT = MM * np.array([(-17, 0, 0), (-14, 3, 0), (12, -2, 0), (14, -3, 0), (0, 0, 0)])
+PLACES = jnp.asarray(facing(PRESSED_AT[:, None], (0, 0, -1)))
 FORCES = jnp.array([[2.0], [6.0], [0.5], [4.0], [0.0]])
 ON_SEVERAL = """
 import json, runpy, sys

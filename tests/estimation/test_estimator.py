@@ -7,8 +7,9 @@ import pytest
 
 from softfuse.estimation.estimator import Estimator, StepSettings
 from softfuse.estimation.step import Observation
+from softfuse.functional.chart import facing
 
-AT = jnp.array([[14e-3, -2e-3, 0.0]])
+AT = jnp.asarray(facing(np.array([[14e-3, -2e-3, 0.0]]), (0, 0, -1)))
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device
+from softfuse.config import DeviceConfig, load
+from softfuse.config.build_device import build_device, electrode_places
 from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker
@@ -27,9 +27,13 @@ RATE_HZ, REST_S, PULL_S, WAIT_S, PRESS_S, HOLD_S = 10, 2.5, 1.0, 0.8, 1.0, 1.5
 
 
 @pytest.fixture(scope="module")
-def tracker(linear_finger: Callable[..., Path]) -> Tracker:
+def config(linear_finger: Callable[..., Path]) -> DeviceConfig:
     # The readings are this model's own.
-    config = load(linear_finger(("\ngain = 0.96", "\ngain = 1.0")))
+    return load(linear_finger(("\ngain = 0.96", "\ngain = 1.0")))
+
+
+@pytest.fixture(scope="module")
+def tracker(config: DeviceConfig) -> Tracker:
     return build_tracker(config, build_device(config))
 
 
@@ -37,11 +41,11 @@ Poses = dict[str, np.ndarray]
 
 
 @pytest.fixture(scope="module")
-def poses(tracker: Tracker) -> Poses:
+def poses(config: DeviceConfig, tracker: Tracker) -> Poses:
     """Readings (7,) of the model: shortening [m] and gauge pressures [Pa], by the name of the pose."""
-    device = tracker.estimator.device
+    device, electrodes = tracker.estimator.device, electrode_places(config)
     sealed = jnp.full(6, 101325.0)
-    places, seen = jnp.array([ELECTRODE, 0]), {"rest": np.zeros(7)}
+    places, seen = jnp.asarray(electrodes[[ELECTRODE, 0]]), {"rest": np.zeros(7)}
     state = device.rest_state(places)
     for name, force, tension in (
         ("half pulled", 0.0, TENSION / 2),

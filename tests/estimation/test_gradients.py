@@ -18,12 +18,14 @@ from softfuse.estimation.limits import Limits
 from softfuse.estimation.nonlinear import nonlinear_estimate
 from softfuse.estimation.step import Observation
 from softfuse.functional import Cavity, Marker, uniform
+from softfuse.functional.chart import facing
 from softfuse.material import NeoHookean
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.gas import SealedGas
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.reading import AnswerReading, ShapeReading
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
 
@@ -32,7 +34,7 @@ GUIDES = np.array([[x, 0.001, 0.003] for x in (-0.02, 0.0, 0.02, 0.03)])
 PULLED_AT = np.array([-0.04, 0.0, 0.002])
 SEALED = 101325.0
 FORCE, SHORTENED = 1.5, 2e-3
-PLACE = jnp.array([0])
+PLACE = jnp.asarray(facing(np.array([[0.02, 0.02, 0.009]]), (0, -1, 0)))
 
 
 class Given(NamedTuple):
@@ -55,12 +57,11 @@ def pulled() -> Model:
     walls = tuple(Cavity(jnp.asarray(s.faces)) for s in cavities(mesh, GEOMETRY.centres()))
     gas = SealedGas.of(walls, body, jnp.full(2, 1e-6))
     cable = PulledCable.through(body, GUIDES, PULLED_AT)
-    faces = outer_surface(mesh).faces
-    middle, inwards = np.array([[[0.02, 0.02, 0.009]]]), np.array([[0.0, -1.0, 0.0]])
-    contact = PatchContact.on(faces, middle, inwards, uniform(rings=3, angles=8), 5e-3)
+    contact = PatchContact.on(outer_surface(mesh).faces, uniform(rings=3, angles=8), 5e-3)
     tip = int(np.argmax(mesh.nodes @ [1.0, 0.1, 0.1]))
-    sensors = tuple(Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
-    return Model(body, sensors, contact, Dense.plan(body), (cable, gas), gauges=(0, 1, 2))
+    markers = (Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
+    readings = (*map(ShapeReading, markers), AnswerReading((0, 1, 2)))
+    return Model(body, readings, (contact,), Dense.plan(body), (cable, gas))
 
 
 def _with(device: Model, given: Given) -> Model:
@@ -68,7 +69,7 @@ def _with(device: Model, given: Given) -> Model:
     law = device.body.materials[0]
     scaled = jax.tree.map(lambda constant: constant * given.modulus, law)
     return eqx.tree_at(
-        lambda d: (d.attached[0].ports.points.location, d.body.materials[0]), device, (given.guides, scaled)
+        lambda d: (d.actuators[0].ports.points.location, d.body.materials[0]), device, (given.guides, scaled)
     )
 
 
@@ -101,10 +102,10 @@ def _agree(function: Callable[[Given], jnp.ndarray], tolerance: float) -> None:
 def test_tip_and_pressures(pulled: Model) -> None:
     def measured(given: Given) -> jnp.ndarray:
         device = _with(pulled, given)
-        cable = device.attached[0]
+        cable = device.actuators[0]
         assert isinstance(cable, PulledCable)
         held = ShortenedCable.of(cable, device.body)
-        device = eqx.tree_at(lambda d: d.attached, device, (held, device.attached[1]))
+        device = eqx.tree_at(lambda d: d.actuators, device, (held, device.actuators[1]))
         drive = jnp.concatenate([jnp.array([FORCE]), given.shortened[None], jnp.full(2, SEALED)])
         reading = device.reading(simulate(device, PLACE, drive).state)
         return jnp.concatenate([reading[:3] / 1e-3, reading[4:] / 1e3])

@@ -15,11 +15,12 @@ from softfuse.estimation.estimator import DEFAULT_STEPS, Estimator, StepSettings
 from softfuse.estimation.kept_programs import lowered
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
+from softfuse.functional.chart import facing
 from softfuse.material.base import lame_constants
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.sparse import SparseLU
 
-AT = jnp.array([[14e-3, -2e-3, 0.0]])
+AT = jnp.asarray(facing(np.array([[14e-3, -2e-3, 0.0]]), (0, 0, -1)))
 POISSON = jnp.array([0.3, 0.49])
 
 

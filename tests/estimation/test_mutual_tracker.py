@@ -19,7 +19,9 @@ from softfuse.config.build_device import build_device
 from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker
-from softfuse.experiment.paper.mutual_bed import MutualBed
+from softfuse.experiment.mutual_field import Thing
+from softfuse.experiment.virtual_mutual import MutualBed
+from softfuse.functional.chart import facing
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
@@ -55,7 +57,7 @@ def heights_and_forces() -> tuple[np.ndarray, np.ndarray]:
 
 def volumes_of(device: Model, forces: np.ndarray) -> np.ndarray:
     """Volume changes (n, k) [m³] under both forces of each frame (n, 2)."""
-    places = jnp.asarray(MM * np.array([[*ONE, 0.0], [*OTHER, 0.0]]))
+    places = jnp.asarray(facing(MM * np.array([[*ONE, 0.0], [*OTHER, 0.0]]), (0, 0, -1)))
     levels, state = np.linspace(0.0, 1.0, 5), device.rest_state(places)
 
     def under(one, other):

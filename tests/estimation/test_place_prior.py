@@ -8,11 +8,12 @@ import pytest
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.motion import motion
 from softfuse.estimation.step import Observation, PlacePrior, exact_steps
+from softfuse.functional.chart import facing, moved
 from softfuse.mechanics.model import simulate
 from softfuse.mechanics.newton import tangent_at
 
-AT = jnp.array([[-12e-3, 3e-3, 0.0]])
-SEEN_AT = AT + jnp.array([[0.8e-3, -0.5e-3, 0.0]])
+AT = jnp.asarray(facing(np.array([[-12e-3, 3e-3, 0.0]]), (0, 0, -1)))
+SEEN_AT = moved(AT, jnp.array([[0.8e-3, -0.5e-3]]))
 TRUE = jnp.array([6.0])
 SIGMA = 1e-3
 STEPS = 12
@@ -60,8 +61,9 @@ def test_readings_move_with_a_place_as_full_solves_do(device, read, force: float
     found = slopes(device, AT, drive)
     assert found.shape == (2, 3)
     for axis in (0, 1):
-        step = h * jnp.eye(3)[axis]
-        wanted = (read(device, AT + step, drive) - read(device, AT - step, drive)) / (2 * h)
+        step = h * jnp.eye(2)[axis]
+        wanted = read(device, moved(AT, step), drive) - read(device, moved(AT, -step), drive)
+        wanted = wanted / (2 * h)
         np.testing.assert_allclose(found[:, 1 + axis], wanted, rtol=1e-5, atol=1e-9 * force)
 
 
@@ -80,7 +82,7 @@ def test_steps_end_where_force_and_place_are_most_probable(device, read, stepped
 
     def cost(x):
         """Minus twice the logarithm of the posterior density, at a force [N] and an offset [mm]."""
-        at = SEEN_AT.at[0, :2].add(1e-3 * x[1:])
+        at = moved(SEEN_AT, 1e-3 * x[1:])
         missed = 1e9 * (reading - read(device, at, x[:1]))
         return float(missed @ missed + jnp.sum((1e-3 * x[1:] / SIGMA) ** 2))
 
@@ -117,13 +119,13 @@ def test_forces_and_places_scatter_by_what_the_information_says(device, read, st
     rng, white = np.random.default_rng(5), 1e8
     reading, off = read(device, AT, TRUE), []
     for noise, seen in zip(rng.normal(size=(200, 2)), rng.normal(size=(200, 2)), strict=True):
-        at = AT.at[0, :2].add(0.3 * SIGMA * seen)
+        at = moved(AT, 0.3 * SIGMA * jnp.asarray(seen))
         observation = observed(reading + noise / white, 0.3 * SIGMA, at=at, white=white)
         state, report = stepped(device, unregularised, observation)
         sigma = np.sqrt(np.diag(np.linalg.inv(report.information))) * np.array(
             [1.0, 0.3 * SIGMA, 0.3 * SIGMA]
         )
-        place = at[0, :2] + report.offset[0] - AT[0, :2]
+        place = at[0, 0, :2] + report.offset[0] - AT[0, 0, :2]
         off.append(np.array([float(state.drive[0]) - 6.0, *place]) / sigma)
     # Three standard deviations of a standard deviation from 200 draws: 15 %.
     np.testing.assert_allclose(np.std(off, axis=0), 1.0, atol=0.15)

@@ -8,6 +8,7 @@ import pytest
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.model_error import ModelError, missed, whitening
 from softfuse.estimation.reading_spread import ReadingSpread, read_spread, write_spread
+from softfuse.functional.chart import facing
 
 
 @pytest.fixture
@@ -23,15 +24,17 @@ def _bilinear(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def test_it_is_that_of_the_grid_and_linear_between(spread: ReadingSpread) -> None:
-    places = np.array([[0.5, 0.25, 0.0]])
-    a = _bilinear(places[0, 0], places[0, 1])
+    places = facing(np.array([[0.5, 0.25, 0.0]]), (0, 0, -1))
+    a = _bilinear(*places[0, 0, :2])
     np.testing.assert_allclose(spread.covariance(places, np.array([3.0])), 9 * a @ a.T)
-    beyond = spread.covariance(np.array([[9.0, -4.0, 0.0]]), np.array([3.0]))
-    np.testing.assert_allclose(beyond, spread.covariance(np.array([[2.0, 0.0, 0.0]]), np.array([3.0])))
+    beyond, border = facing(np.array([[[9.0, -4.0, 0.0]], [[2.0, 0.0, 0.0]]]), (0, 0, -1))
+    np.testing.assert_allclose(
+        spread.covariance(beyond, np.array([3.0])), spread.covariance(border, np.array([3.0]))
+    )
 
 
 def test_contacts_share_parameters(spread: ReadingSpread) -> None:
-    places = np.array([[0.5, 0.25, 0.0]] * 2)
+    places = facing(np.array([[0.5, 0.25, 0.0]] * 2), (0, 0, -1))
     one = spread.covariance(places[:1], np.array([4.0]))
     np.testing.assert_allclose(spread.covariance(places, np.array([1.0, 3.0])), one)
 
@@ -52,7 +55,8 @@ def test_a_file_is_read_as_written(spread: ReadingSpread, tmp_path: Path) -> Non
 
 def test_whitening_makes_errors_standard_normal(spread: ReadingSpread) -> None:
     error = ModelError(0.05, spread=spread)
-    reading, sigma, place = np.array([-3.0, 40.0]), np.array([0.2, 0.3]), np.array([[0.5, 0.25, 0.0]])
+    reading, sigma = np.array([-3.0, 40.0]), np.array([0.2, 0.3])
+    place = facing(np.array([[0.5, 0.25, 0.0]]), (0, 0, -1))
     covariance = error.covariance(reading, sigma, place, np.array([2.0]))
     apart = covariance - spread.covariance(place, np.array([2.0]))
     np.testing.assert_allclose(apart, np.diag(sigma**2 + missed(reading, 0.05) ** 2))
@@ -64,5 +68,5 @@ def test_whitening_makes_errors_standard_normal(spread: ReadingSpread) -> None:
 
 def test_a_stiffness_that_is_not_known_makes_all_readings_err_alike() -> None:
     reading, nothing = np.array([-3.0, 40.0]), np.zeros(2)
-    covariance = ModelError(alike=0.2).covariance(reading, nothing, np.zeros((1, 3)), np.ones(1))
+    covariance = ModelError(alike=0.2).covariance(reading, nothing, np.zeros((1, 3, 3)), np.ones(1))
     np.testing.assert_allclose(covariance, 0.04 * np.outer(reading, reading))

@@ -14,6 +14,7 @@ from softfuse.errors import SoftfuseError, SolveError
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation
+from softfuse.functional.chart import facing
 from softfuse.mechanics.model import Model
 from softfuse.rom.atlas import Atlas, AtlasFolder
 from softfuse.rom.cells import Cells
@@ -23,6 +24,8 @@ from softfuse.rom.rest_stiffness import rest_stiffness
 from softfuse.rom.teaching import ChartSettings, teach
 
 MM = 1e-3
+NONE = np.zeros((0, 3, 3))
+MIDDLE = jnp.asarray(facing(np.zeros((1, 3)), (0, 0, -1)))
 CELLS = Cells.over((-16 * MM, -2 * MM), (-8 * MM, 2 * MM), 4 * MM)
 PATH = [(-14.5 + 0.13 * k, 0.5 + 0.01 * k, 1.0 + 0.1 * k) for k in range(40)]
 """x, y [mm] and force [N] of a contact that goes from one cell to the next."""
@@ -48,23 +51,23 @@ def folder(device: Model, tmp_path_factory: pytest.TempPathFactory) -> AtlasFold
             around=[jnp.asarray(place)[None] for place in cell.grid(9)],
             settings=ChartSettings(displacements=40, pressures=16),
         )
-        folder.write(number, reduced_model(device, stiffness, chart), chart.basis)
+        folder.write(number, reduced_model(device, stiffness, chart, NONE), chart.basis)
     return folder
 
 
 @pytest.fixture(scope="module")
 def estimator(device: Model, folder: AtlasFolder, one) -> ReducedEstimator:
-    return ReducedEstimator(Atlas(device, CELLS, folder), one, jnp.zeros((1, 3)))
+    return ReducedEstimator(Atlas(device, CELLS, folder), one, MIDDLE)
 
 
 @pytest.fixture(scope="module")
 def full(device: Model, one) -> Estimator:
-    return Estimator(device, one, jnp.zeros((1, 3)))
+    return Estimator(device, one, MIDDLE)
 
 
 def seen_at(device: Model, volumes_under, x: float, y: float, force: float) -> Observation:
     """The volumes of an equilibrium, x, y in mm."""
-    place = jnp.array([[x * MM, y * MM, 0.0]])
+    place = jnp.asarray(facing(np.array([[x * MM, y * MM, 0.0]]), (0, 0, -1)))
     return Observation(volumes_under(device, place, jnp.array([force])), 1e9 * jnp.eye(2), place)
 
 
@@ -105,7 +108,8 @@ def test_a_contact_that_does_not_press_stays_on_the_chart(device, estimator, vol
     estimator.update(seen_at(device, volumes_under, -14.5, 0.5, 3.0))
     random = np.random.default_rng(0)
     for _ in range(20):
-        place = np.array([[-14.5 * MM, 0.5 * MM, 0.0]]) + random.normal(0, 0.02 * MM, (1, 3)) * [1, 1, 0]
+        point = np.array([[-14.5 * MM, 0.5 * MM, 0.0]]) + random.normal(0, 0.02 * MM, (1, 3)) * [1, 1, 0]
+        place = facing(point, (0, 0, -1))
         noise = random.normal(0, 1e-10, 2)
         found = estimator.update(Observation(jnp.asarray(noise), 1e9 * jnp.eye(2), jnp.asarray(place)))
         assert not found.corrected
@@ -144,7 +148,7 @@ def test_a_reset_forgets(device, estimator, volumes_under) -> None:
 
 
 def test_a_device_of_another_structure_is_refused(device, full) -> None:
-    other = replace(device, sensors=device.sensors[:1])
+    other = replace(device, readings=device.readings[:1])
     with pytest.raises(SolveError, match="another structure"):
         full.live.ready(other)
 

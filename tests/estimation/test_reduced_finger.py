@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from softfuse.body import Body
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device
-from softfuse.robot.reduced import Teacher, build_regions
+from softfuse.config import load
+from softfuse.config.build_device import build_device, electrode_places
+from softfuse.config.build_reduction import Teacher, build_regions
 from softfuse.mechanics.model import simulate
 from softfuse.mechanics.solution import RESULTS
 from softfuse.rom.reduced_model import reduced_model
@@ -22,7 +22,7 @@ CHANGES = (
     ('travel = "50 mm"', 'travel = "30 mm"'),
     ('tension = "4 N"', 'tension = "3 N"'),
 )
-PLACE = jnp.array([7])
+NUMBER = 7
 ELECTRODES = ("base left", "upper left", "tip left")
 
 
@@ -34,15 +34,16 @@ def test_what_was_not_taught_is_that_of_the_full_finger(linear_finger: Callable[
     assert isinstance(device.body, Body) and len(regions) == len(config.electrodes)
     stiffness = rest_stiffness(device.body)
     teacher = Teacher(config, device, stiffness, regions)
-    assert teacher.largest_force(int(PLACE[0])) >= 1.0
-    chart = teacher.chart(int(PLACE[0]))
+    assert teacher.largest_force(NUMBER) >= 1.0
+    chart = teacher.chart(NUMBER)
     assert (
         not chart.sampling.beyond_rest and len(chart.sampling.cubature.parts) < device.body.volumes.size / 2
     )
-    small = reduced_model(device, stiffness, chart)
+    places = electrode_places(config)
+    small, place = reduced_model(device, stiffness, chart, places), jnp.asarray(places[NUMBER])[None]
     for push, pull in ((1.0, 1.3), (0.4, 2.6)):
-        drive = device.rest_state(PLACE).drive.at[:3].set(jnp.array([0.7 * push, 0.3 * push, pull]))
-        exact, found = (jax.block_until_ready(simulate(each, PLACE, drive)) for each in (device, small))
+        drive = device.rest_state(place).drive.at[:3].set(jnp.array([0.7 * push, 0.3 * push, pull]))
+        exact, found = (jax.block_until_ready(simulate(each, place, drive)) for each in (device, small))
         assert exact.result == found.result == RESULTS.converged
         shape, nearly = (each.body.displacement(at.state.z) for each, at in ((device, exact), (small, found)))
         way = float(jnp.max(jnp.linalg.norm(shape, axis=1)))
@@ -63,7 +64,7 @@ def test_charts_are_good_for_pushes_that_move_the_finger_so_far(linear_finger: C
     numbers = [names.index(name) for name in ELECTRODES]
     base, middle, tip = map(teacher.largest_force, numbers)
     assert 0 < tip < middle < base <= config.contact.max_force
-    place = jnp.array(numbers[-1:])
+    place = jnp.asarray(electrode_places(config)[numbers[-1:]])
     drive = device.rest_state(place).drive.at[:2].set(tip / 2)
     moved = device.body.displacement(simulate(device, place, drive).state.z)
     assert 1e3 * float(jnp.max(jnp.linalg.norm(moved, axis=1))) == pytest.approx(1.0, rel=0.01)

@@ -9,9 +9,10 @@ import pytest
 from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
 from softfuse.estimation.rest_response import place_response, rest_response
+from softfuse.functional.chart import facing, moved
 from softfuse.mechanics.model import Model, compliance, simulate
 
-PLACES = jnp.array([[0.012, -0.015, 0.0], [-0.003, 0.004, 0.0]])
+PLACES = jnp.asarray(facing(np.array([[0.012, -0.015, 0.0], [-0.003, 0.004, 0.0]]), (0, 0, -1)))
 SMALL_N = 1e-3
 """Its answer differs from that at rest by some 1e-4."""
 
@@ -41,7 +42,7 @@ def test_depth_and_motion_are_those_of_a_small_press(device) -> None:
 def test_it_has_the_derivatives_in_rest_nodes_and_materials(device) -> None:
     rng = np.random.default_rng(0)
     along = jnp.asarray(1e-4 * rng.standard_normal(device.body.rest.shape))
-    weights = jnp.asarray(rng.standard_normal((len(PLACES), device.readings)))
+    weights = jnp.asarray(rng.standard_normal((len(PLACES), device.n_readings)))
 
     @jax.jit
     def weighed(step):
@@ -60,7 +61,7 @@ def test_it_has_the_derivatives_in_places(device) -> None:
     np.testing.assert_allclose(answer.by_force, rest_response(device, PLACES).by_force, rtol=1e-12)
     step = 1e-6
     for axis in range(2):
-        shift = step * jnp.eye(3)[axis]
-        after, before = (rest_response(device, PLACES + sign * shift).by_force for sign in (1, -1))
+        shift = step * jnp.eye(2)[axis]
+        after, before = (rest_response(device, moved(PLACES, sign * shift)).by_force for sign in (1, -1))
         size = float(jnp.max(jnp.abs(slope)))
         np.testing.assert_allclose(slope[..., axis], (after - before) / (2 * step), rtol=0, atol=1e-4 * size)

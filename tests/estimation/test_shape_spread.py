@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from softfuse.estimation.shape_spread import displacement_sigma
+from softfuse.functional.chart import facing, moved
 from softfuse.mechanics.model import simulate
 
-AT, FORCE = jnp.array([[-12e-3, 3e-3, 0.0]]), jnp.array([4.0])
+AT, FORCE = jnp.asarray(facing(np.array([[-12e-3, 3e-3, 0.0]]), (0, 0, -1))), jnp.array([4.0])
 
 
 @pytest.fixture(scope="module")
@@ -36,8 +37,8 @@ def test_force_and_place_that_err_together(plain_device, shape, state) -> None:
     found = displacement_sigma(plain_device, state, AT, root @ root.T)
     # Symmetric pairs along each column of a root: their halved differences squared add up to the variance.
     moved = [
-        (shape(plain_device, AT.at[0, :2].add(each[1:]), FORCE + each[0])
-         - shape(plain_device, AT.at[0, :2].add(-each[1:]), FORCE - each[0])) / 2
+        (shape(plain_device, moved(AT, jnp.asarray(each[1:])), FORCE + each[0])
+         - shape(plain_device, moved(AT, jnp.asarray(-each[1:])), FORCE - each[0])) / 2
         for each in root.T
     ]  # fmt: skip
     expected = np.sqrt(sum(np.asarray(each) ** 2 for each in moved))

@@ -7,6 +7,8 @@ import pytest
 
 from softfuse.estimation.reading_pattern import ReadingPattern
 from softfuse.estimation.sought_places import SoughtPlaces
+from softfuse.functional.chart import FlatChart
+from softfuse.functional.workspace import FlatWorkspace
 from softfuse.mechanics.model import compliance
 
 YES, NO = np.array([True]), np.array([False])
@@ -43,23 +45,24 @@ def test_what_goes_or_comes_into_sight_begins_where_it_is_seen(next_one) -> None
 
 @pytest.fixture(scope="module")
 def pattern(plain_device) -> ReadingPattern:
-    return ReadingPattern.of(plain_device, np.array([[-16e-3, -6e-3], [16e-3, 6e-3]]), side=3)
+    ends = np.array([[-16e-3, -6e-3], [16e-3, 6e-3]])
+    return ReadingPattern.of(plain_device, FlatWorkspace(FlatChart.along((0, 0, -1)), *ends), side=3)
 
 
 def test_the_pattern_is_what_small_forces_do(plain_device, pattern: ReadingPattern) -> None:
-    assert pattern.place_m.shape == (9, 2) and pattern.slope.shape == (9, 2)
+    assert pattern.place.shape == (9, 3, 3) and pattern.slope.shape == (9, 2)
     slope = eqx.filter_jit(compliance)
-    for place, found in zip(pattern.place_m, pattern.slope, strict=True):
-        wanted = slope(plain_device, jnp.array([[*place, 0.0]]), jnp.array([1e-6]))[:, 0]
+    for place, found in zip(pattern.place, pattern.slope, strict=True):
+        wanted = slope(plain_device, jnp.asarray(place)[None], jnp.array([1e-6]))[:, 0]
         np.testing.assert_allclose(found, wanted, rtol=1e-6)
 
 
 def test_a_search_begins_anew_only_where_readings_say_so_clearly(pattern: ReadingPattern) -> None:
-    left, right = pattern.place_m[1], pattern.place_m[7]
+    left, right = pattern.place[1], pattern.place[7]
     reading, valid = 4.0 * pattern.slope[7], np.ones(2, bool)
     sure, unsure = (np.diag((part * np.abs(reading).max() * np.ones(2)) ** 2) for part in (0.001, 10.0))
     found = pattern.fitted(reading, sure, valid).better(left)
-    assert found is not None and abs(found[0] - right[0]) < 1e-9
+    assert found is not None and abs(found[0, 0] - right[0, 0]) < 1e-9
     assert pattern.fitted(reading, sure, valid).better(found) is None
     assert pattern.fitted(reading, unsure, valid).better(left) is None
     # A cavity that is not known tells nothing.
@@ -70,7 +73,7 @@ def test_a_search_begins_anew_only_where_readings_say_so_clearly(pattern: Readin
 def test_readings_of_no_press_point_nowhere(pattern: ReadingPattern) -> None:
     still = np.array([1e-9, 1e-9])  # both cavities grow
     fit = pattern.fitted(still, np.diag(still**2), np.ones(2, bool))
-    assert fit.better(pattern.place_m[0]) is None
+    assert fit.better(pattern.place[0]) is None
     np.testing.assert_array_equal(fit.force_N, 0.0)
 
 
@@ -80,11 +83,11 @@ def test_what_else_explains_the_readings_counts(pattern: ReadingPattern) -> None
     fit = pattern.fitted(reading, np.diag(np.full(2, 1e-20)), valid)
     np.testing.assert_allclose(fit.missing, fit.missing[0], atol=1e-9)
     np.testing.assert_allclose(fit.force_N, reading[1] / pattern.slope[:, 1])
-    middle = fit.elsewhere(pattern.place_m[4], 4.0)
+    middle = fit.elsewhere(pattern.place[4], 4.0)
     assert middle.share == 0.0 and not middle.place_m2.any()  # all are its neighbours
-    corner = fit.elsewhere(pattern.place_m[0], 4.0)
+    corner = fit.elsewhere(pattern.place[0], 4.0)
     far = np.setdiff1d(np.arange(9), [0, 1, 3, 4])
     np.testing.assert_allclose(corner.share, 5 / 9)
-    squares = (pattern.place_m[far] - pattern.place_m[0]) ** 2
+    squares = (pattern.place[far, 0, :2] - pattern.place[0, 0, :2]) ** 2
     np.testing.assert_allclose(corner.place_m2, squares.mean(axis=0))
     np.testing.assert_allclose(corner.force_N2, np.mean((fit.force_N[far] - 4.0) ** 2))

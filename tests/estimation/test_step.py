@@ -9,6 +9,7 @@ import pytest
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.nonlinear import nonlinear_estimate
 from softfuse.estimation.step import Observation, exact_steps
+from softfuse.functional.chart import facing
 from softfuse.mechanics.model import compliance, simulate
 
 
@@ -18,7 +19,7 @@ def device(plain_device):
     return plain_device
 
 
-AT = jnp.array([[-12e-3, 3e-3, 0.0]])
+AT = jnp.asarray(facing(np.array([[-12e-3, 3e-3, 0.0]]), (0, 0, -1)))
 TRUE = jnp.array([6.0])
 STEPS = 6
 
@@ -96,7 +97,7 @@ def _parameters(device, seen, factor, shift, extra):
     softer = eqx.tree_at(
         lambda d: d.body.materials, device, jax.tree.map(lambda leaf: factor * leaf, device.body.materials)
     )
-    moved = Observation(seen.reading.at[0].add(extra), seen.whitening, seen.places.at[0, 0].add(shift))
+    moved = Observation(seen.reading.at[0].add(extra), seen.whitening, seen.places.at[0, 0, 0].add(shift))
     return softer, moved
 
 
@@ -129,7 +130,7 @@ def test_unrolled_and_implicit_gradients_agree_with_differences(
 
 
 def test_two_contacts_at_once(device) -> None:
-    places = jnp.array([[-17e-3, 0.0, 0.0], [15e-3, 4e-3, 0.0]])
+    places = jnp.asarray(facing(np.array([[-17e-3, 0.0, 0.0], [15e-3, 4e-3, 0.0]]), (0, 0, -1)))
     true = jnp.array([7.0, 3.0])
     limits = Limits(jnp.zeros(2), jnp.array([25.0, 25.0]), jnp.full(2, 1e-6))
     change = eqx.filter_jit(lambda d: d.reading(simulate(d, places, true).state))(device)

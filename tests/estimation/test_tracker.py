@@ -18,6 +18,7 @@ from softfuse.config.build_sensors import build_sensors
 from softfuse.estimation.model_error import ModelError
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker, TrackerSettings
+from softfuse.functional.workspace import FlatWorkspace
 from softfuse.hardware.recording import read_recording
 from softfuse.sensors.pad_senses import PadSenses
 from softfuse.sensors.status import Status
@@ -30,8 +31,9 @@ def _tracker(device, limits, reach_m: float) -> Tracker:
     """A tracker whose workspace reaches so far from the middle."""
     sensors = build_sensors(load(ROOT / "configs" / "pad.toml"))
     sensors = eqx.tree_at(lambda s: s.flow, sensors, d6f_p0001a1(2))
-    senses = PadSenses(sensors, reach_m * jnp.array([[-1.0, -1.0], [1.0, 1.0]]))
-    return Tracker(senses, device, limits, TRUSTING)
+    ends = reach_m * np.array([[-1.0, -1.0], [1.0, 1.0]])
+    senses = PadSenses(sensors, jnp.asarray(ends))
+    return Tracker(senses, device, limits, TRUSTING, workspace=FlatWorkspace(senses.chart, *ends))
 
 
 @pytest.fixture(scope="module")

@@ -4,18 +4,20 @@ What is estimated is tested with real bodies elsewhere; here an estimator takes 
 """
 
 import time
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.cli.live_display import besides_samples
-from softfuse.estimation.tracked import Tracked
-from softfuse.hardware.live.assembler import Assembled
+from softfuse.estimation.stream import Estimate
+from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.live.replay import Comparison, Replay
 from softfuse.hardware.live.session import Published, Session
+from softfuse.hardware.live.words import besides_samples
 from softfuse.hardware.record.entries import SessionInfo, SourceInfo
 from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
@@ -25,6 +27,7 @@ from softfuse.hardware.wire.description import Description
 from softfuse.hardware.wire.layout import Layout
 from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
 from softfuse.hardware.wire.packet import pack
+from softfuse.mechanics.solution import State
 from softfuse.sensors.status import Status
 
 DESCRIPTION = Description("board", (Channel("a", RawType.F64, 1.0, 0.0),))
@@ -39,22 +42,25 @@ class Follower:
         self.sensed: list[float] = []
         self.estimated: list[float] = []
 
-    def sense(self, frame: Assembled, start_s: float) -> None:
-        if frame.values[0] >= self.fails_at:
-            raise ZeroDivisionError("a fault of ours")
-        self.sensed.append(float(frame.values[0]))
-
-    def estimate(self) -> tuple[Tracked, None, dict[str, float]]:
-        time.sleep(self.seconds)
-        self.estimated.append(self.sensed[-1])
+    def follow(self, frames: Iterable[tuple[Frame, bool]]) -> Iterator[Estimate]:
         nothing = np.zeros(0)
         place, sure, covariance = (np.zeros((0, n)) for n in (3, 2, 0))
         tracked = Tracked(
             0.0,
-            *(nothing > 0, place, sure, nothing, covariance, place, covariance, *[nothing] * 4),
+            *(nothing > 0, place, sure, nothing, covariance, place, covariance, *[nothing] * 5),
             *(None, None, (Status.ok,), self.seconds),
         )
-        return tracked, None, {"seen": self.sensed[-1]}
+        for frame, wanted in frames:
+            if frame.raw[0] >= self.fails_at:
+                raise ZeroDivisionError("a fault of ours")
+            self.sensed.append(float(frame.raw[0]))
+            if wanted:
+                time.sleep(self.seconds)
+                self.estimated.append(self.sensed[-1])
+                yield Estimate(tracked, None, State(*[jnp.zeros(0)] * 4))
+
+    def fields(self, now: Estimate) -> dict[str, float]:
+        return {"seen": self.estimated[-1]}
 
 
 def chunks(count: int) -> list[Chunk]:

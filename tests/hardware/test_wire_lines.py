@@ -65,13 +65,45 @@ def test_without_columns_nothing_is_guessed():
 
 @pytest.mark.parametrize(
     "line",
-    ["1,2", "1,2,3,4", "1,2,nan", "1,2,inf", "1,2,1e999", "1,,3", "1,x,3", "-1,2,3", "1,2,1_0", "1e17,2,3",
-     "1,2,3µ", "1,2,\0003", "1;2;3", "1 2 3", "nan,nan,nan"],
+    ["1,2", "1,2,3,4", "1,2,3,,", "nan,2,3", "x,2,3", ",2,3", "-1,2,3", "1e17,2,3", "µ,2,3", "1;2;3", "1 2 3",
+     "nan,nan,nan", "x,y,z"],
 )  # fmt: skip
 def test_a_malformed_line_is_counted_and_leaves_a_gap(line):
     decoder, received = read(ROWS, f"1,2,3\n{line}\n2,3,4\n")
     assert samples(received) == [(0, 1, [3.0, 2.0]), (2, 2, [4.0, 3.0])]
     assert decoder.counts.malformed == 1
+
+
+@pytest.mark.parametrize("field", ["nan", "inf", "1e999", "", "x", "1_0", "3µ", "\0003", "ERROR", "0x1"])
+def test_a_bad_field_costs_its_channel_only(field):
+    decoder, received = read(ROWS, f"1,2,3\n2,7,{field}\n3,{field},8\n4,5,6\n")
+    found = samples(received)
+    assert [(sequence, time) for sequence, time, _ in found] == [(0, 1), (1, 2), (2, 3), (3, 4)]
+    np.testing.assert_array_equal([v for *_, v in found], [[3, 2], [np.nan, 7], [8, np.nan], [6, 5]])
+    assert (decoder.missing, decoder.counts.malformed, decoder.counts.samples) == (2, 0, 4)
+    description, *sent = (one.message for one in received)
+    assert isinstance(description, DescriptionMessage) and isinstance(sent[1], SampleMessage)
+    content = Layout(description.description).values(sent[1].content)
+    np.testing.assert_array_equal(content, [np.nan, 7])
+
+
+@pytest.mark.parametrize("field", ["OK", "", "nan", "°C", "1,"])
+def test_what_is_in_unwanted_columns_does_not_matter(field):
+    form = LineFormat(MAP, columns=("time_us", "a", "b", "state"))
+    decoder, received = read(form, f"1,2,3,{field}\n")
+    assert samples(received) == [(0, 1, [3.0, 2.0])] and decoder.missing == 0
+    headed = read(HEADED, f"time_us,a,b,state,state\n1,2,3,{field.strip(',')},{field}\n")[1]
+    assert samples(headed) == [(0, 1, [3.0, 2.0])]
+
+
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_an_empty_field_after_the_last_separator_is_none(separator):
+    text = "time_us,a,b,\n1,2,3,\n2,3,,\n3,4,5\n".replace(",", separator)
+    decoder, received = read(LineFormat(MAP, separator=separator), text)
+    np.testing.assert_array_equal([v for *_, v in samples(received)], [[3, 2], [np.nan, 3], [5, 4]])
+    assert (decoder.counts.headers, decoder.counts.malformed, decoder.missing) == (1, 0, 1)
+    told = LineFormat(MAP, columns=("time_us", "a", "b"), separator=separator)
+    assert len(samples(read(told, text)[1])) == 3
 
 
 def test_remarks_are_handed_on():

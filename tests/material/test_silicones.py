@@ -35,7 +35,7 @@ def test_names_ignore_case_and_poisson_sets_the_bulk() -> None:
 
 
 def test_an_unknown_silicone_is_refused() -> None:
-    with pytest.raises(ConfigError, match="ecoflex 00-30"):
+    with pytest.raises(ConfigError, match="Ecoflex 00-30"):
         silicone("playdough", 0.49)
 
 

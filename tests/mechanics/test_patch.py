@@ -8,6 +8,7 @@ import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
 from softfuse.functional import uniform
+from softfuse.functional.chart import facing
 from softfuse.material import NeoHookean
 from softfuse.mechanics import RESULTS, Loads, Newton, State, solve
 from softfuse.mechanics.dense import Dense
@@ -35,15 +36,14 @@ def skin(beam) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def contact(skin) -> PatchContact:
-    """One patch on the upper side in y, near the end."""
-    return PatchContact.on(
-        skin, AT[None, None], np.array([[0.0, -1.0, 0.0]]), uniform(rings=3, angles=8), 3e-3
-    )
+    """One patch."""
+    return PatchContact.on(skin, uniform(rings=3, angles=8), 3e-3)
 
 
 @pytest.fixture(scope="module")
 def patch(beam, contact) -> NormalPatches:
-    return contact.load(beam, jnp.array(0))
+    """It on the upper side in y, near the end."""
+    return contact.load(beam, jnp.asarray(facing(AT, (0, -1, 0))))
 
 
 def _turned(body: Body, angle: float) -> tuple[jnp.ndarray, np.ndarray]:

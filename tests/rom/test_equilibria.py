@@ -6,12 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from softfuse.functional.chart import facing
 from softfuse.mechanics import RESULTS
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import State
 from softfuse.rom.equilibria import follow, rough_factor, step_to
 
-PLACE = jnp.array([[-12e-3, 3e-3, 0.0]])
+PLACE = jnp.asarray(facing(np.array([[-12e-3, 3e-3, 0.0]]), (0, 0, -1)))
 
 
 @eqx.filter_jit

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from softfuse.body.body import Body
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device
+from softfuse.config import load
+from softfuse.config.build_device import build_device, electrode_places
 from softfuse.errors import SolveError
 from softfuse.mechanics.linearised import loaded_tangents
 from softfuse.mechanics.load import AbstractPorts
@@ -29,22 +29,24 @@ from softfuse.rom.sampling import Sampling
 pytestmark = pytest.mark.slow
 
 MODES = 8
-PLACE = jnp.array([4, 10])
+PRESSED = [4, 10]
 """Electrodes that two contacts press at."""
 
 
 class Pair(NamedTuple):
-    """A finger, the same on a few smooth modes (n, m), and the chart of these."""
+    """A finger, the same on a few smooth modes (n, m), the chart of these, and where two contacts press."""
 
     full: Model
     small: Model
     modes: np.ndarray
     chart: Chart
+    places: jax.Array
 
 
 @pytest.fixture(scope="module")
 def pair(linear_finger: Callable[..., Path]) -> Pair:
-    full = build_device(load(linear_finger()))
+    config = load(linear_finger())
+    full, electrodes = build_device(config), electrode_places(config)
     body = full.body
     assert isinstance(body, Body)
     random = np.random.default_rng(3)
@@ -60,14 +62,15 @@ def pair(linear_finger: Callable[..., Path]) -> Pair:
     count = body.volumes.size
     every = Sampling(Cubature(np.arange(count), np.ones(count), 0.0), True)
     chart = Chart(basis, every, np.array([0]), np.ones(MODES), np.zeros((1, MODES)), 1e-3)
-    return Pair(full, reduced_model(full, rest_stiffness(body), chart), basis.columns, chart)
+    small = reduced_model(full, rest_stiffness(body), chart, electrodes)
+    return Pair(full, small, basis.columns, chart, jnp.asarray(electrodes[PRESSED]))
 
 
 def states(pair: Pair) -> tuple[State, State]:
     """The same state of both, some forces and pressures acting."""
     random = np.random.default_rng(5)
     amplitudes = random.normal(size=MODES)
-    rest = pair.full.rest_state(PLACE)
+    rest = pair.full.rest_state(pair.places)
     force = jnp.asarray(random.normal(size=rest.force.shape))
     return tuple(
         State(jnp.asarray(z), force, rest.internal, rest.drive) for z in (pair.modes @ amplitudes, amplitudes)
@@ -77,7 +80,7 @@ def states(pair: Pair) -> tuple[State, State]:
 def test_ports_have_the_same_values_and_the_projected_rows(pair) -> None:
     exact, found = states(pair)
     for device, state, modes in ((pair.full, exact, pair.modes), (pair.small, found, np.eye(MODES))):
-        loads = device.loads(PLACE)
+        loads = device.loads(pair.places)
         values = np.asarray(jax.jit(lambda d, z, loads=loads: loads.values(d.body, z))(device, state.z))
         rows = modes.T @ np.asarray(jax.jit(lambda d, z, loads=loads: loads.rows(d.body, z))(device, state.z))
         if device is pair.full:
@@ -93,7 +96,7 @@ def test_pressures_and_springs_stiffen_modes_as_they_stiffen_nodes(pair) -> None
     exact, found = states(pair)
     added = []
     for device, state in ((pair.full, exact), (pair.small, found)):
-        loads, body = device.loads(PLACE), device.body
+        loads, body = device.loads(pair.places), device.body
         pushed = State(state.z, 1e5 * state.force, state.internal, state.drive)
         tangents = [
             np.asarray(jax.jit(lambda b, s, loads=loads: loaded_tangents(b, loads, s))(body, pushed)),
@@ -108,9 +111,9 @@ def test_pressures_and_springs_stiffen_modes_as_they_stiffen_nodes(pair) -> None
 
 
 def test_arms_are_those_of_the_patches(pair) -> None:
-    for place in PLACE:
-        np.testing.assert_array_equal(pair.small.contact.arms(place), pair.full.contact.arms(place))
-    assert pair.small.contact.drives == pair.full.contact.drives
+    for small, full in zip(pair.small.contacts, pair.full.contacts, strict=True):
+        np.testing.assert_array_equal(small.arms, full.arms)
+        assert small.drives == full.drives
 
 
 class Unheard(AbstractPorts):

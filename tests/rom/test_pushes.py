@@ -4,17 +4,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.rom.cells import Electrodes
+from softfuse.functional.chart import facing, moved
+from softfuse.rom.cells import Spots
 from softfuse.rom.load_paths import pushes
 
 LOW = np.array([0.0, 0.0, 0.0, 1e5, 1e5])
 HIGH = np.array([2.0, 2.0, 6.0, 1e5, 1e5])
 """Two patches, a cable, two cavities' gas."""
+PLACES = facing(np.stack([1e-2 * np.arange(12.0), *np.zeros((2, 12))], axis=1), (0, 0, -1))
+"""Middles of electrodes."""
 
 
 @pytest.fixture
 def paths():
-    return pushes(jnp.array([3]), 2, LOW, HIGH, levels=4, near=10)
+    return pushes(jnp.asarray(PLACES[3:4]), 2, LOW, HIGH, levels=4, near=10)
 
 
 def test_the_force_is_on_either_patch_or_on_both_with_and_without_the_cable(paths) -> None:
@@ -31,17 +34,19 @@ def test_what_is_near_stays_within_half_a_level_and_the_limits(paths) -> None:
         away = (path.near_drives - path.levels[:, None])[..., :3]
         assert np.abs(away).max() <= 0.125 * 6 and np.ptp(away[..., 2]) > 0.1 * 6 / 4
         assert np.all((path.near_drives >= LOW) & (path.near_drives <= HIGH))
-        assert path.near_places.shape == (4, 10, 1) and np.all(path.near_places == 3)
+        assert path.near_places.shape == (4, 10, 1, 3, 3) and np.all(path.near_places == PLACES[3])
 
 
 def test_several_cables_pull_one_by_one_and_together() -> None:
-    paths = pushes(jnp.array([0]), 1, np.zeros(3), np.ones(3), levels=2, near=1)
+    paths = pushes(jnp.asarray(PLACES[:1]), 1, np.zeros(3), np.ones(3), levels=2, near=1)
     pulls = {tuple(path.levels[-1, 1:]) for path in paths}
     assert pulls == {(0, 0), (0.5, 0), (1, 0), (0, 0.5), (0, 1), (0.5, 0.5), (1, 1)}
 
 
-def test_an_electrode_is_a_region_by_itself() -> None:
-    regions = Electrodes(12)
+def test_what_is_nearest_to_an_electrode_is_its_region() -> None:
+    regions = Spots(PLACES)
     assert len(regions) == 12
-    assert [regions.find(jnp.array(place)) for place in (0, 11)] == [0, 11]
-    assert regions.find(np.int32(4), before=7) == 4
+    assert [regions.find(jnp.asarray(place)) for place in PLACES[[0, 11]]] == [0, 11]
+    assert regions.find(PLACES[4], before=7) == 4
+    assert regions.find(moved(PLACES[4], np.array([4e-3, 9e-3]))) == 4
+    assert regions.find(moved(PLACES[4], np.array([6e-3, 0.0]))) == 5

@@ -11,9 +11,9 @@ from softfuse.rom.reach import places_over
 
 
 def _touched(mesh: Delaunay, disc: Contact, places: np.ndarray) -> set[int]:
-    """Numbers of the triangles that the disc's points lie on at places (s, 3) m."""
+    """Numbers of the triangles that the disc's points lie on at places (s, 3, 3)."""
     offsets = float(disc.radius) * np.asarray(disc.cells.points) @ np.asarray(disc.surface.tangents)
-    return set(np.unique(mesh.find_simplex((places[:, None] + offsets)[..., :2])).tolist())
+    return set(np.unique(mesh.find_simplex((places[:, :1] + offsets)[..., :2])).tolist())
 
 
 def test_no_face_is_touched_elsewhere_that_is_not_at_the_places() -> None:

@@ -15,6 +15,7 @@ from softfuse.errors import SolveError
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
+from softfuse.functional.chart import facing
 from softfuse.material import MooneyRivlin, NeoHookean
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model, compliance, simulate
@@ -37,7 +38,9 @@ from softfuse.rom.strained_points import mode_points
 from softfuse.rom.teaching import ChartSettings, teach
 
 MM = 1e-3
-CELL = Cell(np.array([-12 * MM, 2 * MM, 0.0]), np.array([4 * MM, 4 * MM]))
+NONE = np.zeros((0, 3, 3))
+"""Places of patches."""
+CELL = Cell(np.array([-12 * MM, 2 * MM, 0.0]), np.array([4 * MM, 4 * MM]), (0, 0, -1))
 """Places of the contact."""
 UNSEEN = [((-12.3 * MM, 3.1 * MM), 6.0), ((-9.3 * MM, 0.4 * MM), 7.5), ((-14.9 * MM, 5.2 * MM), 2.2)]
 """Places and forces [N] that nothing was taught on."""
@@ -45,11 +48,11 @@ UNSEEN = [((-12.3 * MM, 3.1 * MM), 6.0), ((-9.3 * MM, 0.4 * MM), 7.5), ((-14.9 *
 
 def at(x: float, y: float) -> jax.Array:
     """One place, as a device wants it."""
-    return jnp.array([[x, y, 0.0]])
+    return jnp.asarray(facing(np.array([[x, y, 0.0]]), (0, 0, -1)))
 
 
 def device_loads(device: Model) -> Callable[[AbstractBody, jax.Array], Loads]:
-    """The loads of a device on any body with its nodes, at places (c, 3)."""
+    """The loads of a device on any body with its nodes, at places (c, 3, 3)."""
     return lambda body, places: replace(device, body=body).loads(places)
 
 
@@ -85,7 +88,7 @@ def taught(device: Model, stiffness: RestStiffness) -> Taught:
         around=[jnp.asarray(place)[None] for place in CELL.grid(9)],
         settings=ChartSettings(displacements=45, pressures=18),
     )
-    small = reduced_model(device, stiffness, chart)
+    small = reduced_model(device, stiffness, chart, NONE)
     states = [simulate(small, at(*place), jnp.array([force])).state.z for place, force in UNSEEN]
     watching = project(body, stiffness, chart._replace(watched=np.arange(body.n_nodes)))
     return Taught(small, chart, watching, np.array(states))
@@ -185,7 +188,7 @@ def test_an_inverse_is_made_where_none_is_known_that_converges(device, taught) -
         renewed = 0
         for part in np.linspace(0.02, 1.0, 50):
             reading = device.reading(simulate(device, at(*place), jnp.array([part * force])).state)
-            told = estimator.update(Observation(reading, 1e9 * jnp.eye(device.readings), at(*place)))
+            told = estimator.update(Observation(reading, 1e9 * jnp.eye(device.n_readings), at(*place)))
             renewed += told.renewed
         found[name] = told.drive[0], renewed
     assert found["all"][1] == 0 < found["too stiff"][1] < 15
@@ -200,8 +203,8 @@ def test_typical_states_are_far_from_each_other_and_rest() -> None:
 
 
 def test_projected_volumes_are_those_of_the_cavities(device, taught) -> None:
-    body, cavities = taught.watching, device.sensors
-    (projected,) = taught.device.sensors
+    body, cavities = taught.watching, [reading.functional for reading in device.readings]
+    (projected,) = (reading.functional for reading in taught.device.readings)
     assert projected.count == len(cavities) > 1
 
     def exact(z):
@@ -260,7 +263,7 @@ def test_a_stiffness_field_is_reduced_with_the_body(device: Model) -> None:
         around=[jnp.asarray(place)[None] for place in CELL.grid(9)],
         settings=ChartSettings(displacements=45, pressures=18),
     )
-    small = reduced_model(made, stiffness, chart)
+    small = reduced_model(made, stiffness, chart, NONE)
     place, force = UNSEEN[0]
     plain, exact, found = (
         np.asarray(each.reading(simulate(each, at(*place), jnp.array([force])).state))
@@ -287,7 +290,7 @@ def test_the_estimator_finds_forces_with_it_unchanged(device, taught) -> None:
     (place, force), limits = UNSEEN[1], Limits(jnp.zeros(1), jnp.array([12.0]), jnp.array([1e-6]))
     reading = device.reading(simulate(device, at(*place), jnp.array([force])).state)
     estimator = Estimator(taught.device, limits, at(*place))
-    seen = Observation(reading, 1e9 * jnp.eye(device.readings), at(*place))
+    seen = Observation(reading, 1e9 * jnp.eye(device.n_readings), at(*place))
     for _ in range(8):
         found = estimator.update(seen)
     assert found.drive[0] == pytest.approx(force, rel=1e-2)
@@ -296,7 +299,7 @@ def test_the_estimator_finds_forces_with_it_unchanged(device, taught) -> None:
 
 def test_forces_on_nodes_that_nothing_watches_are_not_lost_without_a_word(device, taught, stiffness) -> None:
     body = device.body
-    top = np.unique(np.asarray(device.contact.disc.surface.faces))
+    top = np.unique(np.asarray(device.contacts[0].disc.surface.faces))
     reduced = project(body, stiffness, taught.chart._replace(watched=top))
     below = np.setdiff1d(np.arange(body.n_nodes), top)[:2]
     z = jnp.asarray(taught.states[0])
@@ -333,7 +336,7 @@ def test_spreading_along_a_direction_is_spreading_column_by_column(device, taugh
 @pytest.mark.slow
 def test_snapshots_end_where_the_body_cannot_carry_the_load(device) -> None:
     levels, place = np.array([[3.0], [4000.0], [5.0]]), at(-12 * MM, 3 * MM)
-    path = LoadPath(place, levels, jnp.tile(place, (3, 1, 1, 1)), np.array([[[3.02]], [[4.0]], [[5.0]]]))
+    path = LoadPath(place, levels, jnp.tile(place, (3, 1, 1, 1, 1)), np.array([[[3.02]], [[4.0]], [[5.0]]]))
     found = snapshots(device.linear, device.body, device_loads(device), [path])
     assert found.found.tolist() == [[[True, True], [False, False], [False, False]]]
     assert len(found.equilibria) == 1
@@ -359,4 +362,4 @@ def test_a_state_at_rest_is_refused(device, taught) -> None:
 
 def test_a_reduced_device_is_not_reduced_again(taught, stiffness) -> None:
     with pytest.raises(SolveError, match="reduce the full device"):
-        reduced_model(taught.device, stiffness, taught.chart)
+        reduced_model(taught.device, stiffness, taught.chart, NONE)

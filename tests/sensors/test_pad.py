@@ -151,6 +151,35 @@ def test_damage_is_flagged_and_the_rest_goes_on(recording, damage):
     assert flagged[damage]()
 
 
+@pytest.mark.parametrize("case", ["ahead", "wrapped", "paused"])
+def test_a_clock_that_jumps_costs_a_few_frames_and_sigma_counts_the_gap(recording, measured, case):
+    held, _, volume = truth(recording)
+    second = held & (recording.columns["press"] == 1)
+    frames = frames_of(recording)
+    time, n = frames[0], len(frames[0])
+    at = int(np.flatnonzero(second)[0]) - 40  # the second press has begun
+    if case == "ahead":
+        time[at] += 1000.0
+    else:
+        time[at:] += 2**32 / 1e6 if case == "paused" else -time[at]
+    m = measure(frames)
+    lost = [at] if case == "ahead" else [at, at + 1]
+    assert np.flatnonzero(~m.time_valid).tolist() == lost
+    assert np.flatnonzero(m.clock_anew).tolist() == ([] if case == "ahead" else [at + 2])
+    assert np.all(m.touching[second])
+    if case == "paused":
+        # Nobody knows what flowed meanwhile.
+        assert not m.volume_valid[at + 2 : at + 30].any()
+        assert m.volume_sigma_m3[at + 2].min() > 1e3 * measured.volume_sigma_m3[at].max()
+        return
+    np.testing.assert_array_equal(m.volume_change_m3[:at], measured.volume_change_m3[:at])
+    assert np.all(m.volume_valid[second])
+    normalised = (m.volume_change_m3 - volume)[second] / m.volume_sigma_m3[second]
+    assert np.abs(normalised).max() < 3.5
+    grown = m.volume_sigma_m3[second] / measured.volume_sigma_m3[second]
+    assert grown.min() > 0.99 and n == len(m.time_s)
+
+
 def test_a_release_that_clips_is_flagged_and_reset_before_the_next_press(recording):
     frames = frames_of(recording)
     force = recording.columns["true_force_N"]

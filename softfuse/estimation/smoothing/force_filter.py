@@ -1,8 +1,8 @@
 """Forces and sensors' drift from one frame to the next.
 
-State x = (u, p, b, m, δ): drives u (D,), places p (P,) along the tangents of each contact, by how much what sees these
-is off b (P,), what the model misses of each of k readings m (k,), and what each sensor drifts by, δ (3,), see
-`sensors.reading_drift`. A frame, and what sees contacts at p̂, say
+State x = (u, p, b, m, δ): drives u (D,), places p (P,) along the tangents of each contact, by how much what
+sees these is off b (P,), what the model misses of each of k readings m (k,), and what each sensor drifts by,
+δ (3,), see `sensors.reading_drift`. A frame, and what sees contacts at p̂, say
 
     y − s(u₀, p₀) + W u₀ + G p₀ = W u + G p + m + diag(ρ) δ₃ + v,    p̂ = p + b + w.
 

@@ -45,4 +45,4 @@ def _largest(chance: float, numbers: int) -> float:
 
 
 DEFAULT_PROCESS = Process()
-"""Of a hand or a probe on a pad."""
+"""Of a hand or a probe on a soft body."""

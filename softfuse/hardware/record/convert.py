@@ -16,13 +16,15 @@ from softfuse.hardware.record.frame_table import FrameTable, read_csv, write_csv
 from softfuse.hardware.record.parquet import read_parquet, write_parquet, write_parquet_estimates
 from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.record.session_writer import SessionWriter
+from softfuse.hardware.table.form import FOUND, TableForm
 
 SUFFIXES = (".mcap", ".csv", ".csv.gz", ".parquet")
 SESSION = ".mcap"
 
 
-def convert_frames(source: Path, target: Path, *, overwrite: bool = False) -> int:
-    """Write the frames of one file as another, and return how many.
+def convert_frames(source: Path, target: Path, *, form: TableForm = FOUND, overwrite: bool = False) -> int:
+    """Write the frames of one file as another, and return how many; form: how a CSV is written, as far
+    as it is told.
 
     Raises: RecordingError when the source cannot be read or has no channels, both are sessions (frames alone
     would lose its bytes and estimates), a suffix is none of `SUFFIXES`, the target cannot be written, or it
@@ -31,7 +33,7 @@ def convert_frames(source: Path, target: Path, *, overwrite: bool = False) -> in
     kinds = suffix(source), suffix(target)
     if kinds == (SESSION, SESSION):
         raise RecordingError(f"{source} and {target} are both sessions: copy the file")
-    table = READERS[kinds[0]](source)
+    table = READERS[kinds[0]](source) if kinds[0] in READERS else read_csv(source, form)
     if not table.channels:
         raise RecordingError(f"{source} has no channels, hence no frames to convert")
     write = WRITERS[kinds[1]]
@@ -94,8 +96,6 @@ def _write_session(path: Path, table: FrameTable) -> int:
 
 READERS: dict[str, Callable[[Path], FrameTable]] = {
     SESSION: _read_session,
-    ".csv": read_csv,
-    ".csv.gz": read_csv,
     ".parquet": read_parquet,
 }
 WRITERS: dict[str, Callable[[Path, FrameTable], int]] = {

@@ -6,18 +6,24 @@ the fewest digits that give back the same 64 bits; what is missing or not finite
 
 import csv
 import gzip
+import logging
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from io import StringIO
+from itertools import count
 from pathlib import Path
 from typing import TextIO
 
+import numpy as np
+
 from softfuse.errors import RecordingError
 from softfuse.hardware.record.entries import EstimateEntry, FrameEntry
-from softfuse.hardware.recording import read_recording
+from softfuse.hardware.table.form import FOUND, TableForm
+from softfuse.hardware.table.table import TIME, Table
 
-TIME = "time_s"
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -34,13 +40,31 @@ class FrameTable:
     """When it was recorded, in ISO 8601, where it is known."""
 
 
-def read_csv(path: Path) -> FrameTable:
-    """The frames of a recording, .csv or .csv.gz, numbered by row; RecordingError as `read_recording`."""
-    recording = read_recording(path, [])
-    channels = tuple(name for name in recording.columns if name != TIME)
-    values = recording.matrix(channels)
-    rows = enumerate(zip(recording.time_s.tolist(), values, strict=True))
-    return FrameTable(path, channels, (FrameEntry(i, at, row) for i, (at, row) in rows))
+def read_csv(path: Path, form: TableForm = FOUND) -> FrameTable:
+    """The frames of a recording, .csv or .csv.gz, numbered by row, of all columns but those that hold texts
+    only; read as they are gone through.
+
+    form: how the file is written, as far as it is told. Raises RecordingError as `read_recording`.
+    """
+    table = Table(path, [], form)
+    kept = [c for c in range(len(table.channels)) if c not in table.worded]
+    channels = tuple(table.channels[c] for c in kept)
+    for c in sorted(table.worded):
+        logger.warning("%s: %r holds texts, not numbers: left out", path, table.channels[c])
+
+    def frames() -> Iterator[FrameEntry]:
+        number, damaged = count(), list[int]()
+        for block in table.blocks():
+            damaged += block.line[block.malformed].tolist()
+            values = np.array([block.values[c] for c in kept]).reshape(len(kept), -1).T
+            for at, row in zip(block.time_s.tolist(), values, strict=True):
+                yield FrameEntry(next(number), at, row)
+        if damaged:
+            logger.warning(
+                "%s: %d rows cannot be read in full, first line %d", path, len(damaged), damaged[0]
+            )
+
+    return FrameTable(path, channels, frames())
 
 
 def write_csv(path: Path, table: FrameTable, *, compressed: bool) -> int:
@@ -49,21 +73,21 @@ def write_csv(path: Path, table: FrameTable, *, compressed: bool) -> int:
     Raises: RecordingError for a channel whose name a header cannot hold; OSError as the disk does.
     """
     header = csv_header(table.channels)
-    count = 0
+    written = 0
     with _text(path, compressed) as stream:
         stream.write(header)
         for frame in table.frames:
             fields = (csv_field(value) for value in (float(frame.time_s), *frame.values.tolist()))
             stream.write(",".join(fields) + "\n")
-            count += 1
-    return count
+            written += 1
+    return written
 
 
 def write_csv_estimates(
     path: Path, columns: tuple[str, ...], estimates: Iterator[EstimateEntry], *, compressed: bool
 ) -> int:
     """Write estimates, one row each, and return how many; OSError as the disk does."""
-    count = 0
+    written = 0
     with _text(path, compressed) as stream:
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow([TIME, "frame", "sensed", *columns, "latency_ms", "end_to_end_ms", "status"])
@@ -71,16 +95,18 @@ def write_csv_estimates(
             found = [entry.time_s, entry.frame, entry.sensed, *(entry.fields[name] for name in columns)]
             fields = [csv_field(value) for value in (*found, entry.latency_ms, entry.end_to_end_ms)]
             writer.writerow([*fields, "; ".join(entry.status)])
-            count += 1
-    return count
+            written += 1
+    return written
 
 
 def csv_header(channels: tuple[str, ...]) -> str:
     """The first line, with its end; RecordingError for a channel whose name it cannot hold."""
     for name in channels:
-        if name != name.strip().lstrip("\ufeff") or any(sign in name for sign in ",\r\n"):
+        if not name or name != name.strip().lstrip("\ufeff") or any(sign in name for sign in ",\r\n"):
             raise RecordingError(f"the channel {name!r} cannot be named in a CSV file: rename it")
-    return ",".join((TIME, *channels)) + "\n"
+    text = StringIO()
+    csv.writer(text, lineterminator="\n").writerow([TIME, *channels])
+    return text.getvalue()
 
 
 def csv_field(value: float | str | None) -> str:

@@ -11,7 +11,7 @@ their sources in 2026; values are counts, or pF where it says so):
 * `fdc1004-single`: ProtoCentral_fdc1004_breakout, examples Example1-FDC-streaming and -single-channel:
   milliseconds, pF, CAPDAC and a status in words, between one or two tabs (time_ms, pF, capdac).
 * `fdc1004-multi`: the same, Example2-multi-channel: seconds with one decimal, then four channels in pF and a
-  status (pF0 .. pF3). Its time is too coarse to be used. A channel that reads ERROR spoils the line.
+  status (pF0 .. pF3). Its time is too coarse to be used. A channel that reads ERROR is missing.
 * `trill-craft`: Bela's Trill-Arduino, example craft-print: 30 values with leading zeros, a space after each,
   no time (c0 .. c29). The other Trill sensors print the same with other numbers of values: give `columns`.
 * `muca`: muca-board's Muca, example Muca_Raw with `SendRawString()` in place of `SendRawByte()`: 21 x 12
@@ -106,6 +106,7 @@ class TextLines(AbstractDriver):
         return {
             "samples": counts.samples,
             "malformed": counts.malformed,
+            "missing readings": self._decoder.missing,
             "too long": counts.oversized,
             "before any header": counts.undescribed,
             "without their beginning": counts.partial,
@@ -149,7 +150,7 @@ class _Picker:
         *ended, begun = (self._partial + data).split(b"\n")
         # The rest of a line that is too long for any is the decoder's to refuse, by what is left of it.
         self._partial = begun[: LONGEST_LINE + 1]
-        return b"".join(self._wanted(line.strip()) for line in ended)
+        return b"".join(self._wanted(line.strip(b" \r")) for line in ended)
 
     def interrupted(self) -> None:
         """Forget a line that has begun."""
@@ -162,7 +163,7 @@ class _Picker:
         if not line.startswith(self._prefix) or not (whole or self._prefix):
             self.skipped += bool(line)
             return b""
-        rest = line[len(self._prefix) :].strip()
+        rest = line[len(self._prefix) :].strip(b" ")
         if self._fields is not None:
             if not rest[:1].isdigit():
                 self.skipped += bool(rest)

@@ -1,6 +1,5 @@
 """Where to press: a grid over the workspace, a list, and which of these a recording holds already."""
 
-import csv
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -9,6 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.errors import RecordingError
+from softfuse.hardware.table.form import FOUND
+from softfuse.hardware.table.table import Table
 
 Point = tuple[float, float]
 """x, y in the body's coordinates [m]."""
@@ -29,22 +30,18 @@ def grid(x: tuple[float, float], y: tuple[float, float], count: tuple[int, int])
 
 def read_places(path: Path) -> list[Point]:
     """The places of a CSV file with the columns x_mm and y_mm; RecordingError where it is none."""
+    asked = "give two numbers in the columns x_mm and y_mm"
     try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.DictReader(stream))
-    except OSError as error:
-        raise RecordingError(f"cannot read the places {path}: {error.strerror or error}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RecordingError(f"{path} is no CSV of places: {error}") from error
-    places = []
-    for line, row in enumerate(rows, start=2):
-        try:
-            x, y = float(row["x_mm"]), float(row["y_mm"])
-        except (KeyError, TypeError, ValueError):
-            x = y = math.nan
-        if not (math.isfinite(x) and math.isfinite(y)):
-            raise RecordingError(f"{path}, line {line}: give two numbers in the columns x_mm and y_mm")
-        places.append((1e-3 * x, 1e-3 * y))
+        table = Table(path, ["x_mm", "y_mm"], FOUND, timed=False)
+    except RecordingError as error:
+        raise RecordingError(f"cannot read the places: {error}; {asked} from line 2 on") from error
+    x, y = table.channels.index("x_mm"), table.channels.index("y_mm")
+    places = list[Point]()
+    for block in table.blocks():
+        if block.malformed.any():
+            raise RecordingError(f"{path}, line {block.line[block.malformed][0]}: {asked}")
+        at = zip(1e-3 * block.values[x], 1e-3 * block.values[y], strict=True)
+        places += [(float(a), float(b)) for a, b in at]
     if not places:
         raise RecordingError(f"{path} holds no places: give at least one, in the columns x_mm and y_mm")
     return places

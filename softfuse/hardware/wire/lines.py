@@ -6,9 +6,11 @@ A line ends with \\n or \\r\\n and is one of
   named in it, then it is the first column;
 * a remark: it begins with #, or with a letter and has neither numbers nor as many fields as there are
   columns; handed on as text;
-* data: as many fields as there are columns, all finite numbers.
+* data: as many fields as there are columns, and perhaps an empty one after the last separator. A field that
+  is no finite number ("nan", "ERROR", nothing) is a reading that is missing (NaN, counted), in a column that
+  nobody wants it does not matter; the time must be one, and without a time some field.
 
-Everything else is malformed and counted, and so is a line that is not ASCII or longer than `LONGEST_LINE`.
+Everything else is malformed and counted, and so is a line longer than `LONGEST_LINE`.
 There is no CRC: a digit that changes or goes missing within a field is not seen. What comes out is what a
 device of the binary protocol sends: a description (64 bit floats, scale 1, offset 0), then samples. Their
 sequence numbers count the lines of data, the malformed ones included, so that these show up as gaps.
@@ -77,8 +79,11 @@ class LineFormat:
         return _MICROSECONDS["_" + unit]
 
     def order(self, names: tuple[str, ...]) -> tuple[str, ...] | None:
-        """The names if they are those of all columns, else None."""
-        return names if set(self._wanted) <= set(names) and len(set(names)) == len(names) else None
+        """The names if they are those of all columns, and each that is wanted is there once, else None; an
+        empty one after the last separator is none.
+        """
+        names = names[:-1] if names and not names[-1] else names
+        return names if all(names.count(column) == 1 for column in self._wanted) else None
 
     def split(self, line: str) -> list[str]:
         """The fields of a line."""
@@ -94,7 +99,7 @@ class LineCounts:
     headers: int
     remarks: int
     malformed: int
-    """Lines of data that cannot be read, have the wrong number of fields, or are not ASCII."""
+    """Lines of data whose time or none of whose fields can be read, or with another number of them."""
     oversized: int
     undescribed: int
     """Lines of data before any header."""
@@ -149,6 +154,8 @@ class LineDecoder:
     _whole: bool = field(default=False, init=False)
     _announced: bool = field(default=False, init=False)
     _sequence: int = field(default=0, init=False)
+    missing: int = field(default=0, init=False)
+    """Readings in samples that are no finite numbers."""
 
     def __post_init__(self) -> None:
         self._columns = self.format.columns
@@ -173,9 +180,10 @@ class LineDecoder:
             if self._too_long:
                 self._too_long = False
             else:
-                line = bytes(self._partial).strip()
+                # Tabs may stand for fields that are empty.
+                line = bytes(self._partial).strip(b" \r")
                 self._partial.clear()
-                if line:
+                if line.strip():
                     received += self._line(line, host_s)
             self._whole = True
         self._extend(begun)
@@ -200,10 +208,10 @@ class LineDecoder:
             self._partial += piece
 
     def _line(self, line: bytes, host_s: float) -> list[Received]:
+        text = line.decode(errors="replace")
+        names = self.format.split(text.lstrip("#").strip(" "))
         if not line.isascii():
-            return self._refused(host_s)
-        text = line.decode()
-        names = self.format.split(text.lstrip("#").strip())
+            return self._data(names, host_s)
         header = self._header(text, tuple(names))
         if header is not None:
             self._columns = header
@@ -233,15 +241,19 @@ class LineDecoder:
         if not self._columns:
             self._count.undescribed += 1
             return []
-        numbers = [number for text in fields if (number := _number(text)) is not None]
-        if not len(numbers) == len(fields) == len(self._columns):
+        if len(fields) == len(self._columns) + 1 and not fields[-1]:
+            fields = fields[:-1]
+        numbers = [_number(text) for text in fields]
+        if len(fields) != len(self._columns) or all(number is None for number in numbers):
             return self._refused(host_s)
         by_name = dict(zip(self._columns, numbers, strict=True))
         raw = host_s * 1e6 if self.format.time is None else by_name[self.format.time]
-        if not 0.0 <= raw * self.format.microseconds < _LATEST_US:
+        if raw is None or not 0.0 <= raw * self.format.microseconds < _LATEST_US:
             return self._refused(host_s)
         time_us = round(raw) if self.format.time is None else self._time.carried(raw)
-        values = np.array([by_name[column] for column in self.format.channels])
+        read = (by_name[column] for column in self.format.channels)
+        values = np.array([math.nan if number is None else number for number in read])
+        self.missing += int(np.isnan(values).sum())
         message = SampleMessage(self._stamp(time_us), self._layout.number, self._layout.content(values))
         self._count.samples += 1
         self._sequence = (self._sequence + 1) % 2**32

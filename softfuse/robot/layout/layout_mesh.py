@@ -303,7 +303,7 @@ def _of_volume(made: LayoutMesh, theta: Float[Array, " p"]) -> LayoutMesh:
 
     def volumes(grown: Float[Array, " k"]) -> Float[Array, " k"]:
         rest = replace(made, grown=grown).rest(theta)
-        return jnp.array([Cavity(jnp.asarray(wall.faces))(rest) for wall in made.walls])
+        return jnp.array([Cavity.of(wall.faces)(rest) for wall in made.walls])
 
     grown = made.grown
     for _ in range(_GROWTHS):

@@ -1,4 +1,4 @@
-"""Frames joined over time: forces that are held, moved and let go while the zeros of four sensors drift.
+"""Frames smoothed over time: forces that are held, moved and let go while the zeros of four sensors drift.
 
 Readings are linear in the force here, with errors of the model and of the sensors drawn as promised, so that
 what must come out is known.
@@ -13,12 +13,14 @@ import pytest
 from made_sensors import d6f_p0001a1
 
 from softfuse.errors import SoftfuseError
+from softfuse.estimation.smoothing.force_filter import ForceFilter
+from softfuse.estimation.smoothing.process import DEFAULT_PROCESS, Process
+from softfuse.estimation.smoothing.smoother import Smoothed, Smoother, smoothed_recording
 from softfuse.estimation.tracked import Evidence, Tracked
-from softfuse.fusion.force_filter import ForceFilter
-from softfuse.fusion.fusion import Fused, Fusion, fused_recording
-from softfuse.fusion.process import DEFAULT_PROCESS, Process
+from softfuse.functional.chart import facing, moved
+from softfuse.functional.workspace import framed
 from softfuse.sensors.flow.filter import flow_drift
-from softfuse.sensors.reading_drift import ReadingDrift
+from softfuse.sensors.reading_drift import DriftModel, ReadingDrift
 from softfuse.sensors.status import Status
 
 SENSOR = d6f_p0001a1(4)
@@ -57,7 +59,7 @@ def frame(
     place = np.array([[1e-3, 2e-3, 0.0]]) if touching else np.full((1, 3), np.nan)
     at, sure = place[0, :2], np.full(2, 1e-4 if touching else np.nan)
     evidence = Evidence(
-        *(misfit, np.array([drive]), compliance, np.nan_to_num(at), np.zeros((4, 2))),
+        *(misfit, np.ones(4), np.array([drive]), compliance, np.nan_to_num(at), np.zeros((4, 2))),
         *(at, sure, np.array([touching]), model, drift),
     )
     covariance = np.array([[1 / information if touching else 0.0]])
@@ -68,11 +70,12 @@ def frame(
         location_sigma_m=np.full((1, 2), 1e-4 if touching else np.nan),
         contact_force_N=np.array([drive]),
         force_covariance_N2=covariance,
-        places=place,
+        places=facing(np.nan_to_num(place), (0.0, 0.0, -1.0)),
         covariance=covariance,
         attached=np.zeros(0),
         reading=reading,
         sigma=np.ones(4),
+        valid=heard,
         misfit=misfit,
         evidence=evidence,
         details=None,
@@ -88,7 +91,8 @@ def made(force: np.ndarray, rng: np.random.Generator, jumps: np.ndarray | float 
     state = rng.multivariate_normal(np.zeros(3), START, 4)
     covariance = np.broadcast_to(START, (4, 3, 3))
     wrong = 1 + PART * rng.normal(size=4)
-    transition, noise = DRIFT.step(DT, DT)
+    # All sensors are alike.
+    transition, noise = (each[0] for each in DRIFT.step(DT, DT))
     found, drifts, jumped = [], [], np.broadcast_to(np.cumsum(jumps, axis=0), (len(force), 4))
     for k, each in enumerate(force):
         if k:
@@ -132,11 +136,11 @@ def placed(each: Made, rng: np.random.Generator) -> Made:
     return replace(each, found=found)
 
 
-def fusion(*, keep: bool = True, process: Process = DEFAULT_PROCESS) -> Fusion:
-    return Fusion(ForceFilter(process, DRIFT, np.ones((1, 1)), np.array([25.0])), keep=keep)
+def smoother(*, keep: bool = True, process: Process = DEFAULT_PROCESS) -> Smoother:
+    return Smoother(ForceFilter(process, DRIFT, np.ones((1, 1)), np.array([25.0])), keep=keep)
 
 
-def of(frames: list[Fused] | list[Tracked]) -> np.ndarray:
+def of(frames: list[Smoothed] | list[Tracked]) -> np.ndarray:
     return np.array([each.force_N for each in frames])
 
 
@@ -145,10 +149,12 @@ HELD = np.concatenate([np.linspace(0.2, 3.0, 15), np.full(450, 3.0), np.zeros(6)
 
 
 @pytest.fixture(scope="module")
-def held() -> list[tuple[Made, list[Fused], list[Fused]]]:
-    """Forty such touches, joined and smoothed."""
+def held() -> list[tuple[Made, list[Smoothed], list[Smoothed]]]:
+    """Forty such touches, filtered and smoothed."""
     rng = np.random.default_rng(0)
-    return [(each, *fused_recording(fusion(), each.found)) for each in (made(HELD, rng) for _ in range(40))]
+    return [
+        (each, *smoothed_recording(smoother(), each.found)) for each in (made(HELD, rng) for _ in range(40))
+    ]
 
 
 def test_held_forces_are_told_better_the_more_frames_tell(held) -> None:
@@ -158,20 +164,20 @@ def test_held_forces_are_told_better_the_more_frames_tell(held) -> None:
     def gone(frames) -> float:
         return float(np.sqrt(np.mean([(of(each)[ended] - of(each)[begun]) ** 2 for each in frames])))
 
-    single, joined, whole = (
+    single, filtered, whole = (
         gone(frames)
         for frames in ([m.found for m, *_ in held], [j for _, j, _ in held], [w for *_, w in held])
     )
-    assert joined < 0.8 * single and whole < 0.8 * joined
+    assert filtered < 0.8 * single and whole < 0.8 * filtered
 
     def off(frames) -> float:
         return float(np.sqrt(np.mean([(of(each)[ended] - 3.0) ** 2 for each in frames])))
 
-    single, joined, whole = (
+    single, filtered, whole = (
         off(frames)
         for frames in ([m.found for m, *_ in held], [j for _, j, _ in held], [w for *_, w in held])
     )
-    assert whole < joined < single
+    assert whole < filtered < single
 
 
 @pytest.mark.parametrize("at", [100, 300, 460])
@@ -192,11 +198,11 @@ def test_drift_is_as_sure_as_promised(held) -> None:
 
 
 @pytest.fixture(scope="module")
-def seen_elsewhere() -> list[tuple[Made, list[Fused], list[Fused]]]:
-    """Thirty touches of contacts that are seen a bit elsewhere, joined and smoothed."""
+def seen_elsewhere() -> list[tuple[Made, list[Smoothed], list[Smoothed]]]:
+    """Thirty touches of contacts that are seen a bit elsewhere, filtered and smoothed."""
     rng = np.random.default_rng(13)
     touches = [placed(made(HELD[:150], rng), rng) for _ in range(30)]
-    return [(each, *fused_recording(fusion(), each.found)) for each in touches]
+    return [(each, *smoothed_recording(smoother(), each.found)) for each in touches]
 
 
 @pytest.mark.parametrize("at", [40, 140])
@@ -205,17 +211,17 @@ def test_places_that_are_not_known_make_forces_unsure(seen_elsewhere, at: int) -
         off = np.array([(each[at].force_N - 3.0) / each[at].force_sigma_N for each in frames])
         # Of 30 touches to 99 % below 1.30.
         assert 0.5 <= np.sqrt(np.mean(off**2)) <= 1.30
-    known = fused_recording(fusion(), made(HELD[:150], np.random.default_rng(14)).found)[0]
+    known = smoothed_recording(smoother(), made(HELD[:150], np.random.default_rng(14)).found)[0]
     sigma = np.mean([j[at].force_sigma_N for _, j, _ in seen_elsewhere])
     assert sigma > 1.03 * known[at].force_sigma_N
 
 
 def test_places_that_are_seen_to_and_fro_do_not_move_a_force(seen_elsewhere) -> None:
-    for each, joined, _ in seen_elsewhere[:5]:
+    for each, filtered, _ in seen_elsewhere[:5]:
         evidence = [now.evidence for now in each.found[100:140]]
         taken = [e.compliance[0, 0] * e.drive[0] + e.misfit[0] for e in evidence if e is not None]
         # From frame to frame, as a part of the force and of its reading.
-        gone = np.std(np.diff(of(joined)[100:140])) / 3.0
+        gone = np.std(np.diff(of(filtered)[100:140])) / 3.0
         assert gone < 0.2 * np.std(np.diff(taken)) / 75e-9
 
 
@@ -226,7 +232,7 @@ def test_the_same_error_of_the_model_tells_drift_once() -> None:
     sigmas = []
     for force in (levels, held_at_once):
         risen = np.append(np.linspace(0.2, 2.9, 10), force)
-        ends = [fused_recording(fusion(), made(risen, rng).found[:-1])[0][-1] for _ in range(4)]
+        ends = [smoothed_recording(smoother(), made(risen, rng).found[:-1])[0][-1] for _ in range(4)]
         sigmas.append(np.mean([each.drift_sigma for each in ends], axis=0))
     assert np.all(sigmas[0] > 0.99 * sigmas[1])
 
@@ -236,19 +242,19 @@ def test_a_force_that_moves_is_followed_at_once() -> None:
         [np.linspace(0.2, 2.0, 10), np.full(50, 2.0), np.linspace(2.1, 6.0, 20), np.full(5, 6.0)]
     )
     each = made(force, np.random.default_rng(1))
-    joined, _ = fused_recording(fusion(), each.found)
-    np.testing.assert_allclose(of(joined)[:-1], of(each.found)[:-1], rtol=0.05, atol=0.1)
+    filtered, _ = smoothed_recording(smoother(), each.found)
+    np.testing.assert_allclose(of(filtered)[:-1], of(each.found)[:-1], rtol=0.05, atol=0.1)
 
 
 def test_a_reading_that_jumps_is_an_outlier_and_moves_no_force() -> None:
     jumps = np.zeros((len(HELD), 4))
     jumps[200, 3] = 40e-9
     each = made(HELD, np.random.default_rng(2), jumps)
-    joined, whole = fused_recording(fusion(), each.found)
-    assert [k for k, f in enumerate(joined) if f.outlier.any()] == [200]
-    assert joined[200].outlier.tolist() == [False, False, False, True]
-    before = joined[199].force_N
-    assert abs(joined[205].force_N - before) < 0.05
+    filtered, whole = smoothed_recording(smoother(), each.found)
+    assert [k for k, f in enumerate(filtered) if f.outlier.any()] == [200]
+    assert filtered[200].outlier.tolist() == [False, False, False, True]
+    before = filtered[199].force_N
+    assert abs(filtered[205].force_N - before) < 0.05
     assert abs(each.found[205].force_N - before) > 0.1
     assert abs(whole[150].force_N - whole[250].force_N) < 0.05
 
@@ -258,16 +264,16 @@ def test_a_reading_that_jumps_while_the_force_moves_is_off_by_what_the_others_le
     # As much as the force has made of it, so that it reads nothing.
     jumps[10, 3] = -W[3, 0] * HELD[10]
     each = made(HELD, np.random.default_rng(16), jumps)
-    joined, _ = fused_recording(fusion(), each.found)
-    assert [k for k, f in enumerate(joined[:40]) if f.outlier.any()] == [10]
-    sigma = joined[10].drift_sigma[3]
+    filtered, _ = smoothed_recording(smoother(), each.found)
+    assert [k for k, f in enumerate(filtered[:40]) if f.outlier.any()] == [10]
+    sigma = filtered[10].drift_sigma[3]
     assert 0.5 < sigma / -jumps[10, 3] < 2.0
-    assert abs(joined[10].drift[3] - each.drift[10, 3]) < 2 * sigma
+    assert abs(filtered[10].drift[3] - each.drift[10, 3]) < 2 * sigma
 
 
 def test_what_says_nothing_is_borne() -> None:
     each = made(HELD[:100], np.random.default_rng(3))
-    clean, _ = fused_recording(fusion(), each.found)
+    clean, _ = smoothed_recording(smoother(), each.found)
     faulty = list(each.found)
     silent = faulty[50].evidence
     assert silent is not None
@@ -276,14 +282,14 @@ def test_what_says_nothing_is_borne() -> None:
     acting = np.zeros(1, bool)
     faulty[70] = replace(faulty[70], evidence=replace(silent, acting=acting, drive=np.zeros(1)))
     faulty[80] = replace(faulty[80], time_s=np.nan)
-    joined, whole = fused_recording(fusion(), faulty)
+    filtered, whole = smoothed_recording(smoother(), faulty)
     # Without evidence a force is not known, but no longer than that.
-    for frames in (joined, whole):
+    for frames in (filtered, whole):
         assert np.flatnonzero(np.isnan(of(frames))).tolist() == [60, 70]
         assert np.isnan(frames[60].force_sigma_N)
-    np.testing.assert_allclose(of(joined)[81:100], of(clean)[81:100], atol=0.1)
+    np.testing.assert_allclose(of(filtered)[81:100], of(clean)[81:100], atol=0.1)
     # Nor is the model taken for exact thereafter.
-    assert joined[61].force_sigma_N > 0.95 * clean[61].force_sigma_N
+    assert filtered[61].force_sigma_N > 0.95 * clean[61].force_sigma_N
 
 
 def test_a_contact_that_is_lost_sight_of_is_no_release() -> None:
@@ -293,8 +299,8 @@ def test_a_contact_that_is_lost_sight_of_is_no_release() -> None:
     assert unseen is not None
     still = unseen.drift._replace(calm=np.ones(4, bool))
     lost[200] = frame(lost[200].time_s, lost[200].reading, np.zeros((4, 4)), still, 0.0)
-    joined, whole = fused_recording(fusion(), lost)
-    for frames in (joined, whole):
+    filtered, whole = smoothed_recording(smoother(), lost)
+    for frames in (filtered, whole):
         assert frames[200].force_N == 0.0
         np.testing.assert_allclose(of(frames)[201:400], of(each.found)[201:400], atol=0.4)
         np.testing.assert_allclose(of(frames)[150:199], 3.0, atol=0.4)
@@ -305,22 +311,22 @@ def test_a_touch_that_follows_at_once_begins_anew() -> None:
     first, second = made(HELD, rng), made(HELD[:150], rng)
     # The last frame of the first, in which the sensors began anew, was not estimated.
     follows = [replace(f, time_s=f.time_s + DT * len(HELD)) for f in second.found]
-    joined, _ = fused_recording(fusion(), [*first.found[:-1], *follows])
-    alone, _ = fused_recording(fusion(), second.found)
-    np.testing.assert_allclose(of(joined)[len(HELD) :], of(alone), atol=1e-6)
+    filtered, _ = smoothed_recording(smoother(), [*first.found[:-1], *follows])
+    alone, _ = smoothed_recording(smoother(), second.found)
+    np.testing.assert_allclose(of(filtered)[len(HELD) :], of(alone), atol=1e-6)
 
 
 def test_a_creeping_force_is_told_from_drift() -> None:
     # Too slow for any single frame to contradict stillness, but much faster than zeros drift.
     creep = np.concatenate([np.linspace(0.2, 2.0, 10), 2.0 + 0.2 * DT * np.arange(200)])
     each = made(creep, np.random.default_rng(10))
-    joined, whole = fused_recording(fusion(process=Process(still_N=0.2)), each.found)
-    np.testing.assert_allclose(of(joined)[100:-1], of(each.found)[100:-1], rtol=0.08)
+    filtered, whole = smoothed_recording(smoother(process=Process(still_N=0.2)), each.found)
+    np.testing.assert_allclose(of(filtered)[100:-1], of(each.found)[100:-1], rtol=0.08)
     np.testing.assert_allclose(of(whole)[100:-1], of(each.found)[100:-1], rtol=0.08)
 
 
 def test_a_contact_at_an_unknown_place_is_not_told() -> None:
-    both = Fusion(ForceFilter(Process(), DRIFT, np.eye(2), np.full(2, 25.0)), keep=True)
+    both = Smoother(ForceFilter(Process(), DRIFT, np.eye(2), np.full(2, 25.0)), keep=True)
     each = made(HELD[:50], np.random.default_rng(11)).found
 
     def two(now: Tracked, acts: bool) -> Tracked:
@@ -337,28 +343,29 @@ def test_a_contact_at_an_unknown_place_is_not_told() -> None:
             seen_sigma_m=np.tile(now.evidence.seen_sigma_m, 2),
         )
         pairs = {
-            name: np.repeat(getattr(now, name), 2, axis=0) for name in ("location_m", "location_sigma_m")
+            name: np.repeat(getattr(now, name), 2, axis=0)
+            for name in ("location_m", "location_sigma_m", "places")
         }
         return replace(now, touching=np.array([True, True]), evidence=evidence, **pairs)
 
-    joined = [both.update(two(now, k != 30)) for k, now in enumerate(each[:-1])]
-    assert np.isnan(joined[30].contact_force_N).all()
-    assert all(np.isfinite(f.contact_force_N).all() for k, f in enumerate(joined) if k != 30)
+    filtered = [both.update(two(now, k != 30)) for k, now in enumerate(each[:-1])]
+    assert np.isnan(filtered[30].contact_force_N).all()
+    assert all(np.isfinite(f.contact_force_N).all() for k, f in enumerate(filtered) if k != 30)
 
 
 def test_live_frames_are_joined_as_recorded_ones() -> None:
     each = made(HELD[:200], np.random.default_rng(4))
-    live = fusion(keep=False)
+    live = smoother(keep=False)
     found = [live.update(now) for now in each.found]
-    joined, _ = fused_recording(fusion(), each.found)
-    np.testing.assert_array_equal(of(found), of(joined))
+    filtered, _ = smoothed_recording(smoother(), each.found)
+    np.testing.assert_array_equal(of(found), of(filtered))
     assert live.ended == [] and live.finish() == []
 
 
 def test_nothing_is_compiled_while_frames_come() -> None:
     each = made(HELD[:40], np.random.default_rng(12)).found
     jax.clear_caches()
-    live = fusion(keep=False)
+    live = smoother(keep=False)
     events: list[str] = []
     jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: events.append(name))
     # Times may be any kind of number.
@@ -370,14 +377,77 @@ def test_nothing_is_compiled_while_frames_come() -> None:
 
 def test_nothing_touches() -> None:
     each = made(np.zeros(5), np.random.default_rng(5))
-    joined, whole = fused_recording(fusion(), each.found)
-    assert not of(joined).any() and not of(whole).any()
-    assert all(np.isnan(f.location_m).all() for f in joined)
+    filtered, whole = smoothed_recording(smoother(), each.found)
+    assert not of(filtered).any() and not of(whole).any()
+    assert all(np.isnan(f.location_m).all() for f in filtered)
 
 
-def test_a_device_whose_readings_do_not_drift_is_refused() -> None:
+def test_readings_that_do_not_drift_tell_of_the_force_all_the_same() -> None:
+    """A fifth reading, of another unit, that is as noisy as it says; gas that was sealed in is no unknown."""
+    each, rng = made(HELD, np.random.default_rng(17)), np.random.default_rng(18)
+    slope, sigma = 1e3, 30.0
+    drift = DriftModel.joined([DRIFT, None], [4, 1])
+    ranges = np.array([25.0, 0.0])
+    both = Smoother(ForceFilter(Process(), drift, np.ones((1, 1)), ranges), keep=True)
+    assert both.drifting.tolist() == [True] * 4 + [False]
+    frames = []
+    for force, now in zip(each.force, each.found, strict=True):
+        evidence = now.evidence
+        assert evidence is not None
+        said = slope * force + sigma * rng.normal()
+        drive = np.append(evidence.drive, 101325.0)
+        row = np.array([[slope if force > 0 else 0.0, 0.01]])
+        wide = np.append(np.append(evidence.compliance, np.zeros((4, 1)), axis=1), row, axis=0)
+        told = ReadingDrift(
+            np.append(evidence.drift.covariance, np.zeros((1, 3, 3)), axis=0),
+            np.append(evidence.drift.calm, False),
+            evidence.drift.period_s,
+        )
+        more = replace(
+            evidence,
+            misfit=np.append(evidence.misfit, said - slope * evidence.drive[0]),
+            sigma=np.append(evidence.sigma, sigma),
+            drive=drive,
+            compliance=wide,
+            by_place=np.append(evidence.by_place, np.zeros((1, 2)), axis=0),
+            acting=np.append(evidence.acting, False),
+            model=np.pad(evidence.model, ((0, 1), (0, 1))),
+            drift=told,
+        )
+        reading = np.append(now.reading, said)
+        frames.append(replace(now, evidence=more, reading=reading, attached=drive[1:]))
+    alone, _ = smoothed_recording(smoother(), each.found)
+    filtered, whole = smoothed_recording(both, frames)
+    held = slice(100, 460)
+    assert all(
+        now.force_sigma_N < 0.5 * one.force_sigma_N
+        for now, one in zip(filtered[held], alone[held], strict=True)
+    )
+    # Of 3 N; of 360 readings a standard deviation of 30 / 1000 N is left by the model's small error alone.
+    np.testing.assert_allclose(of(whole)[held], 3.0, atol=0.05)
+    assert all(now.drift[4] == 0 and now.drift_sigma[4] == 0 for now in whole)
+    assert sum(now.outlier.any() for now in filtered) < 5
+
+
+def test_a_place_on_a_slope_is_followed_in_its_plane() -> None:
+    normal = np.array([1.0, 0.0, 1.0]) / np.sqrt(2)
+    (base,) = framed(np.array([[5e-3, 0.0, 1e-2]]), normal[None])
+    rng, frames = np.random.default_rng(19), []
+    for now in made(HELD[:60], np.random.default_rng(20)).found[:-1]:
+        at = base[0] + 1e-4 * rng.normal(size=2) @ base[1:]
+        frames.append(replace(now, location_m=at[None], places=moved(base, np.zeros(2))[None]))
+    found, _ = smoothed_recording(smoother(), frames)
+    last = found[50]
+    assert abs((last.location_m[0] - base[0]) @ normal) < 1e-9
+    assert np.linalg.norm(last.location_m[0] - base[0]) < 1e-4
+    # Along x and z it is the same slope.
+    np.testing.assert_allclose(last.location_sigma_m[0, 0], last.location_sigma_m[0, 2], rtol=1e-6)
+    assert last.location_sigma_m[0, 1] > 0
+
+
+def test_a_robot_whose_readings_do_not_drift_is_refused() -> None:
     class Pressed:
         drift = None
 
-    with pytest.raises(SoftfuseError, match="vented"):
-        Fusion.of(Pressed())  # type: ignore[arg-type]
+    with pytest.raises(SoftfuseError, match="nothing to smooth"):
+        Smoother.of(Pressed())  # type: ignore[arg-type]

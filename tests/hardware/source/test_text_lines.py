@@ -6,6 +6,7 @@ import pytest
 from softfuse.errors import WireError
 from softfuse.hardware.source.text_lines import PRESETS, TextFormat, TextLines
 
+NAN = float("nan")
 BARE_CONDUCTIVE = (
     "TOUCH: 0 0 0 0 0 0 0 0 0 0 0 0 0\r\nTTHS: 40 40 40 40 40 40 40 40 40 40 40 40 40\r\n"
     "RTHS: 20 20 20 20 20 20 20 20 20 20 20 20 20\r\n"
@@ -38,8 +39,8 @@ MUCA = ",".join(str(4000 + k) for k in range(252)) + "\r\n"
     [
         ("mpr121-bare-conductive", BARE_CONDUCTIVE, {"e0": "row0", "e12": "near"}, [[701.0, 713.0]]),
         ("mpr121-adafruit", ADAFRUIT, {"e11": "row1", "e0": "row0"}, [[12.0, 1.0]]),
-        ("fdc1004-single", FDC_SINGLE, {"pF": "module0_pF"}, [[3.1415], [-2.7183]]),
-        ("fdc1004-multi", FDC_MULTI, {"pF2": "c_pF", "pF0": "a_pF"}, [[-3.75, 1.25], [-3.75, 1.27]]),
+        ("fdc1004-single", FDC_SINGLE, {"pF": "module0_pF"}, [[3.1415], [NAN], [-2.7183]]),
+        ("fdc1004-multi", FDC_MULTI, {"pF1": "b", "pF0": "a"}, [[2.5, 1.25], [NAN, 1.26], [2.51, 1.27]]),
         ("trill-craft", TRILL, {"c29": "col7", "c0": "col0"}, [[29.0, 0.0]]),
         ("muca", MUCA, {"c0": "first", "c251": "last"}, [[4000.0, 4251.0]]),
     ],
@@ -54,21 +55,20 @@ def test_what_the_sketches_print_is_read(preset, printed, channels, expected, st
         for k in range(0, len(stream), step)
         for reading in driver.feed(stream[k : k + step], host_s=float(k))
     ]
-    assert [reading.values.tolist() for reading in readings] == expected
+    np.testing.assert_array_equal([reading.values for reading in readings], expected)
     assert {reading.names for reading in readings} == {tuple(channels.values())}
     assert driver.counts["samples"] == len(expected)
-    assert driver.counts["malformed"] == ("ERROR" in printed)
+    assert driver.counts["malformed"] == 0
+    assert driver.counts["missing readings"] == ("ERROR" in printed)
 
 
 def test_the_time_is_the_boards_only_where_it_prints_a_fine_one():
     single = TextLines(PRESETS["fdc1004-single"], {"pF": "a_pF"})
     times = [r.device_time_us for r in single.feed(b"x\n" + FDC_SINGLE.encode(), 9.0)]
-    assert times == [1_250_000, 1_750_000]
+    assert times == [1_250_000, 1_500_000, 1_750_000]
     multi = TextLines(PRESETS["fdc1004-multi"], {"pF0": "a_pF"})
     readings = multi.feed(b"x\n" + FDC_MULTI.encode(), 9.0)
-    assert [(r.device_time_us, r.host_s) for r in readings] == [(None, 9.0)] * 2
-    # The line that cannot be read is missing in the sequence.
-    assert [r.sequence for r in readings] == [0, 2]
+    assert [(r.device_time_us, r.host_s) for r in readings] == [(None, 9.0)] * 3
 
 
 def test_a_board_with_a_header_needs_no_columns():

@@ -45,6 +45,8 @@ def test_places_are_read_and_mistakes_are_told(tmp_path: Path):
     path = tmp_path / "p.csv"
     path.write_text("y_mm,x_mm,remark\n1,2,a\n-3.5,4,b\n")
     assert read_places(path) == [(2e-3, 1e-3), (4e-3, -3.5e-3)]
+    path.write_text("x_mm;y_mm;\n2;1;\n4;-3,5;\n", encoding="utf-16")
+    assert read_places(path) == [(2e-3, 1e-3), (4e-3, -3.5e-3)]
     for text, told in (
         ("x_mm,y_mm\n1,2\n1,x\n", "line 3"),
         ("x,y\n1,2\n", "line 2"),

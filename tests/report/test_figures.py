@@ -1,14 +1,15 @@
-"""What is drawn of a body in space."""
+"""What is drawn of a body in space, and over time."""
 
 import warnings
 
 import numpy as np
-from softfuse.experiment.finger_figures import contacts_over_time, points_over_depth
 
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import outer_surface
+from softfuse.report.figures import Panel, drift_over_time, electrode_image, over_time, points_over_depth
 from softfuse.report.page import picture
 from softfuse.report.shape_figures import Shape, shapes, sharp_edges
+from softfuse.sensors.base import Image
 
 MM = 1e-3
 MESH = pad_mesh(
@@ -47,6 +48,25 @@ def test_each_push_has_its_lines() -> None:
     assert labels == ["push 0, without cable", "push 1, with cable"]
 
 
-def test_forces_without_truth_are_drawn() -> None:
-    figure = contacts_over_time(np.arange(3.0), np.ones((3, 2)), np.full((3, 2), np.nan), ["a", "b"])
+def test_panels_are_drawn_with_and_without_what_is_beneath() -> None:
+    time, lines = np.arange(3.0), np.ones((3, 2))
+    figure = over_time(
+        time,
+        [Panel("force [N]", ["a", "b"], lines), Panel("tension [N]", ["a", "b"], lines, np.nan * lines)],
+    )
+    above, below = figure.axes
+    assert len(above.lines) == 2 and len(below.lines) == 4
+    assert above.get_title() == "wide: true, thin: estimated" and below.get_xlabel() == "time [s]"
     assert "data:image/png" in picture(figure, "forces")
+
+
+def test_drift_has_bands_in_its_unit() -> None:
+    figure = drift_over_time(np.arange(3.0), np.ones((3, 1)), np.ones((3, 1)), ["a"], "mm³")
+    (axes,) = figure.axes
+    assert axes.get_ylabel() == "drift [mm³]" and len(axes.collections) == 1
+
+
+def test_an_image_with_both_signs_has_colours_of_both() -> None:
+    for values, name in ((np.ones((2, 3)), "viridis"), (np.array([[1.0, -1, 0], [0, 0, 0]]), "RdBu_r")):
+        image = Image(values, MM * np.arange(3), MM * np.arange(2))
+        assert electrode_image(image).axes[0].collections[0].get_cmap().name == name

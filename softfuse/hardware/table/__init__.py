@@ -1,0 +1,1 @@
+"""Tables of readings as other programs write them: text in whatever dialect, read block by block."""

@@ -1,0 +1,149 @@
+"""How a table is written, found in its first lines: where the header is, what separates fields, the decimal
+point, quotes. What stands before the header is passed over.
+
+A line of data has numbers, or what stands for missing ones, in at least half of its fields. The header is a
+line without any number, as wide as the data that follow at once or after a line of units; of several the one
+that names most of what is wanted, then the first.
+"""
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+
+from softfuse.hardware.table.form import SEPARATORS, Decimal, TableForm, missing, number
+
+_LOOKED_AT = 200
+_LONGEST_UNIT = 8
+_COMMENTS = ("#", "%", "//")
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a table is written."""
+
+    separator: str
+    decimal: Decimal
+    quote: str
+    names: tuple[str, ...]
+    """Of the fields, blank where they have none; () where no line is a header."""
+    units: tuple[str, ...]
+    """In the line below the header, () where there is none."""
+    start: int
+    """Lines before the data."""
+    width: int
+    """Fields of a row, a blank one after the last separator included."""
+    sample: tuple[tuple[str, ...], ...]
+    """The fields of the first rows."""
+
+    def fields(self, line: str) -> list[str]:
+        """The fields of a line, without the blanks around them."""
+        return split(line, self.separator, self.quote)
+
+
+def split(line: str, separator: str, quote: str) -> list[str]:
+    """The fields of a line, without the blanks around them; a quote that does not end has no meaning."""
+    if separator == " ":
+        line = line.strip()
+    if quote in line and line.count(quote) % 2 == 0:
+        reader = csv.reader([line], delimiter=separator, quotechar=quote, skipinitialspace=True)
+        return [field.strip() for field in next(reader, [])]
+    return [field.strip() for field in (line.split() if separator == " " else line.split(separator))]
+
+
+def is_comment(line: str) -> bool:
+    """Whether a line is a remark."""
+    return line.lstrip().startswith(_COMMENTS)
+
+
+def find_dialect(
+    block: bytes, told: TableForm, wanted: Collection[str], time: Callable[[str], bool]
+) -> Dialect:
+    """How the table is written that begins with a block of whole lines.
+
+    wanted: names of columns that should be there; time: whether a column's name is one of a time. What is
+    told is not looked for.
+    """
+    lines = block.decode(errors="replace").split("\n", _LOOKED_AT)[:_LOOKED_AT]
+    lines = [line.rstrip("\r").lstrip("\ufeff") for line in lines]
+    text = "\n".join(lines)
+    present = tuple(sign for sign in SEPARATORS if sign in text) or (",",)
+    separators = present if told.separator is None else (told.separator,)
+    decimals: tuple[Decimal, ...] = (".", ",") if re.search(r"\d,\d", text) else (".",)
+    decimals = decimals if told.decimal is None else (told.decimal,)
+    tried = [_fit(lines, s, d, wanted, time) for s in separators for d in decimals]
+    return max(tried, key=lambda fit: fit[0])[1]
+
+
+def _fit(
+    lines: Sequence[str],
+    separator: str,
+    decimal: Decimal,
+    wanted: Collection[str],
+    time: Callable[[str], bool],
+) -> tuple[tuple[float, ...], Dialect]:
+    """A dialect, and how well it fits."""
+    quote = "'" if any(line.lstrip("#% ").startswith("'") for line in lines) else '"'
+    rows = [split(line, separator, quote) if line.strip() else [] for line in lines]
+    numbers = [sum(number(field, decimal) is not None for field in row) for row in rows]
+    data = [
+        bool(n) and 2 * sum(missing(field) or number(field, decimal) is not None for field in row) >= len(row)
+        for n, row in zip(numbers, rows, strict=True)
+    ]
+    data = [yes and not is_comment(line) for yes, line in zip(data, lines, strict=True)]
+    widths = Counter(len(row) for row, yes in zip(rows, data, strict=True) if yes)
+    width = max(widths, key=lambda w: (widths[w], w), default=0)
+    headers = [
+        k
+        for k, row in enumerate(rows)
+        if not numbers[k] and any(row) and abs(len(row) - width) <= 1 and _above_data(k, rows, data, width)
+    ]
+    if not any(data):
+        headers = [k for k, row in enumerate(rows) if any(row) and not numbers[k]]
+
+    def named(k: int) -> int:
+        names = _names(lines[k], separator, quote)
+        return sum(name in wanted or time(name) for name in names)
+
+    at = max(headers, key=named, default=None)
+    if at is None:
+        return (0.0,) * 5, Dialect(separator, decimal, quote, (), (), 0, width, ())
+    names = _names(lines[at], separator, quote)
+    width = width or len(names)
+    following = next((k for k in range(at + 1, len(rows)) if rows[k]), len(rows))
+    has_units = any(data[following + 1 :]) and len(rows[following]) == len(rows[at])
+    has_units = has_units and all(
+        len(field) <= _LONGEST_UNIT and number(field, decimal) is None for field in rows[following]
+    )
+    has_units = has_units and not all(missing(field) for field in rows[following])
+    start = following + 1 if has_units else at + 1
+    kept = [k for k in range(start, len(rows)) if rows[k] and not is_comment(lines[k])]
+    sample = tuple(tuple(rows[k]) for k in kept)
+    fitting = sum(len(row) in (width, width - 1) and data[k] for k, row in zip(kept, sample, strict=True))
+    shares = fitting / max(len(kept), 1), sum(numbers[k] for k in kept) / max(len(kept), 1)
+    found = Dialect(
+        separator,
+        decimal,
+        quote,
+        tuple((names + [""] * width)[: max(width, len(names))]),
+        tuple(field.strip("[]()") for field in rows[following]) if has_units else (),
+        start,
+        max(width, len(names)),
+        sample,
+    )
+    return (float(min(named(at), 1)), float(min(len(names), 2)), float(named(at)), *shares), found
+
+
+def _above_data(k: int, rows: Sequence[list[str]], data: Sequence[bool], width: int) -> bool:
+    """Whether data follow on a line at once, or after one more."""
+    below = [j for j in range(k + 1, len(rows)) if rows[j]][:2]
+    return any(data[j] and abs(len(rows[j]) - width) <= 1 for j in below)
+
+
+def _names(line: str, separator: str, quote: str) -> list[str]:
+    """What a header names; one that is a remark by its first sign is one all the same."""
+    names = split(line.lstrip("#%/ ") if is_comment(line) else line, separator, quote)
+    while names and not names[-1]:
+        names.pop()
+    return names

@@ -1,0 +1,80 @@
+"""The table [recording] of a configuration, and that it reaches the reader of recordings."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softfuse.cli.app import main
+from softfuse.cli.recorded import read_sensors, sensor_frames, table_form
+from softfuse.config import load
+from softfuse.robot.recording import RecordingSettings
+from softfuse.errors import ConfigError
+from softfuse.hardware.recording import read_recording
+from softfuse.hardware.table.form import TableForm
+
+
+def with_recording(pad_text: str, folder: Path, table: str) -> Path:
+    path = folder / "pad.toml"
+    path.write_text(pad_text + "\n[recording]\n" + table, encoding="utf-8")
+    return path
+
+
+def test_every_setting_is_one_of_the_readers(pad_text, tmp_path):
+    assert RecordingSettings.model_fields.keys() == vars(TableForm()).keys()
+    table = 'separator = ";"\ndecimal = ","\nrate = "1 kHz"\nencoding = "cp1252"\n'
+    table += 'columns = {"P1 [V]" = "flow0_V"}'
+    form = table_form(load(with_recording(pad_text, tmp_path, table)).recording)
+    told = TableForm(";", ",", "cp1252", rate=1000.0, columns={"P1 [V]": "flow0_V"})
+    assert form == told
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ('separator = ","\ndecimal = ","', "recording.decimal: is the separator as well"),
+        ('encoding = "utf-9"', "recording.encoding: .* no encoding"),
+        ('columns = {a = "x", b = "x"}', 'recording.columns: .*"x" twice'),
+        ('layout = "wide"\nid = "sensor"', "recording.id"),
+        ('time_unit = "h"', "recording.time_unit"),
+        ("rate = 0", "recording.rate"),
+        ('seperator = ";"', 'did you mean "separator"'),
+    ],
+)
+def test_mistakes_are_told(pad_text, tmp_path, table, words):
+    with pytest.raises(ConfigError, match=words):
+        load(with_recording(pad_text, tmp_path, table))
+
+
+def test_a_foreign_recording_becomes_frames_of_the_device(pad_text, tmp_path):
+    table = 'time_unit = "ms"\ncolumns = {"Durchfluss 1" = "flow0_V"}\n'
+    config = load(with_recording(pad_text, tmp_path, table))
+    assert config.sensors is not None
+    names = ["Durchfluss 1" if name == "flow0_V" else name for name in config.sensors.channels]
+    lines = [";".join(["uhr", *names]), *(";".join(["x", *["0,5"] * len(names)]) for _ in range(3))]
+    path = tmp_path / "r.csv"
+    path.write_text("\n".join(lines).replace("uhr", "Zeit").replace("x;", "7;"), encoding="utf-16")
+    recording = read_sensors(config, path)
+    frames = list(sensor_frames(config, recording))
+    assert len(frames) == 3 and frames[0].time_s == 0.007
+    assert [len(group) for group in frames[0].readings] == [len(names) for names, _ in config.sensors.groups]
+    assert all(np.all(group == 0.5) for frame in frames for group in frame.readings)
+
+
+def test_convert_takes_a_format_from_a_file_with_that_table_alone(tmp_path, capsys):
+    table = tmp_path / "format.toml"
+    table.write_text('[recording]\nrate = "100 Hz"\ncolumns = {P = "a_V"}\n')
+    source, target = tmp_path / "r.csv", tmp_path / "c.csv"
+    source.write_text("P,state\n1,x\n2,y\n")
+    with pytest.raises(SystemExit) as done:
+        main(["convert", str(source), str(target)])
+    assert done.value.code == 2 and "lacks the column 'time_s'" in capsys.readouterr().err
+    with pytest.raises(SystemExit) as done:
+        main(["convert", str(source), str(target), "--format", str(table)])
+    assert done.value.code == 0
+    recording = read_recording(target, ["a_V"])
+    assert recording.time_s.tolist() == [0.0, 0.01] and recording.columns["a_V"].tolist() == [1.0, 2.0]
+    table.write_text('[recordings]\nrate = "100 Hz"\n')
+    with pytest.raises(SystemExit):
+        main(["convert", str(source), str(target), "--format", str(table)])
+    assert "recording: missing" in capsys.readouterr().err
