@@ -17,8 +17,7 @@ from softfuse.cli.recorded import sensor_columns
 from softfuse.cli.result_folder import claim
 from softfuse.cli.terminal import Quiet, busy, out_folder, printable, stdout
 from softfuse.cli.version import installed_version
-from softfuse.experiment.build_evaluation import Bed, build_bed
-from softfuse.experiment.build_virtual_pad import PadPlan
+from softfuse.experiment.paper.bed import Bed, build_bed
 from softfuse.hardware.recording import read_recording
 from softfuse.report.page import table
 from softfuse.robot.digest import digest
@@ -47,9 +46,9 @@ def evaluate(
         "seed": str(seed),
     }
     claim(out, "evaluation.json", "an evaluation", identity, parts="estimates/*/*.npz")
-    evaluator = PAD if isinstance(bed.plan, PadPlan) else FINGER
+    evaluator = FINGER if bed.pushes else PAD
     with termination_interrupts():
-        recordings = record(settings, bed, out, quiet=quiet)
+        recordings = record(bed, out, quiet=quiet)
         configs = {"as drawn": config}
         if bed.fitted_to:
             configs["calibrated"] = _calibrated(settings, recordings[: bed.fitted_to], out, quiet=quiet)
@@ -66,7 +65,7 @@ def evaluate(
         }
     with busy("writing the report", quiet=quiet):
         evaluation = evaluator.evaluation(settings, found)
-        title = f"{settings.device.name}: evaluation"
+        title = f"{settings.robot.name}: evaluation"
         written = write_evaluation(out, title, evaluation, _sections(bed))
     if not quiet:
         lines = [f"{each.title}\n{each.text}" for each in evaluation.tables]
@@ -85,7 +84,7 @@ def _calibrated(settings: RobotSettings, recordings: Sequence[Path], out: Path, 
 
 def _sections(bed: Bed) -> list[tuple[str, str]]:
     """Headings and HTML of what the test bed is."""
-    rows = [*bed.told.items(), ("estimates", f"of each {EVERY}th frame, and of each sample")]
+    rows = [*bed.robot.told.items(), ("estimates", f"of each {EVERY}th frame, and of each sample")]
     sections = [("The test bed", table(("", ""), rows))]
     if bed.fitted_to:
         sections.append(
