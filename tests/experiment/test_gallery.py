@@ -1,4 +1,4 @@
-"""The robots of configs/: each loads, and the bodies that scripts/gallery_bodies.py made are closed and small."""
+"""The robots of configs/: each loads, and bodies of scripts/gallery_bodies.py are closed and small."""
 
 from pathlib import Path
 
