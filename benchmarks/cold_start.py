@@ -69,7 +69,7 @@ class Phases:
 def through_api(given: argparse.Namespace) -> None:
     """The phases of the Python API in this process."""
     phases = Phases()
-    from softfuse.cli.computing import prepare_jax
+    from softfuse.computing import prepare_jax
     from softfuse.cli.recorded import sensor_columns, sensor_frames
     from softfuse.robot.file import load
     from softfuse.config.build_device import build_device

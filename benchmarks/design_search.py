@@ -24,7 +24,7 @@ import cma
 import numpy as np
 from scipy.optimize import minimize
 
-from softfuse.cli.computing import prepare_jax
+from softfuse.computing import prepare_jax
 from softfuse.robot.file import load
 from softfuse.design.of_robot import build_limits, build_problem, finer_config
 from softfuse.config.build_device import build_device

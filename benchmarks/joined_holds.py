@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softfuse.cli.computing import prepare_jax
+from softfuse.computing import prepare_jax
 from softfuse.robot.file import load
 from softfuse.robot.settings import RobotSettings
 from softfuse.config.build_device import build_device

@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 from resident import resident_mb
 
-from softfuse.cli.computing import prepare_jax
+from softfuse.computing import prepare_jax
 from softfuse.cli.live_parts import Estimating, estimating
 from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.robot.file import load

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from live_frames import compilations, latencies, to_and_fro
 
-from softfuse.cli.computing import prepare_jax
+from softfuse.computing import prepare_jax
 from softfuse.cli.recorded import sensor_columns, sensor_frames
 from softfuse.robot.file import load
 from softfuse.config.build_device import build_device, build_limits

@@ -17,7 +17,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from softfuse.cli.computing import prepare_jax
+from softfuse.computing import prepare_jax
 from softfuse.robot.file import load
 from softfuse.robot.settings import RobotSettings
 from softfuse.robot.body import SurfaceSource

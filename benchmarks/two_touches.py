@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
-from softfuse.cli.computing import prepare_jax
+from softfuse.computing import prepare_jax
 from softfuse.robot.file import load
 from softfuse.robot.settings import RobotSettings, save_edited
 from softfuse.config.build_device import build_device

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softfuse.cli.computing import prepare_jax
+from softfuse.computing import prepare_jax
 from softfuse.cli.recorded import sample_frames, samples_at, sensor_columns, sensor_frames
 from softfuse.robot.file import load
 from softfuse.config.build_device import build_device

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.computing import prepare_jax
+from softfuse.computing import prepare_jax
 from softfuse.cli.terminal import Quiet, stderr, stdout, tracked_calls
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.paper.bed import finger_bed

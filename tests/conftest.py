@@ -1,5 +1,5 @@
-"""Every test runs in double precision, as the mechanics requires; a small device of two cavities, and the
-finger in coarse variants.
+"""Every test runs in double precision, as the mechanics requires; a small model of two chambers, and robots of
+configs/ on coarse meshes.
 """
 
 import gc
@@ -20,7 +20,6 @@ from made_sensors import mutual_model
 from softfuse.body import LINEAR, TAYLOR_HOOD, Body, mesh_for
 from softfuse.body.element import Element
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
-from softfuse.report.mutual_figures import image_of
 from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.functional import Cavity
 from softfuse.functional.contact import Contact, ContactSurface
@@ -34,6 +33,7 @@ from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
+from softfuse.report.mutual_figures import image_of
 from softfuse.sensors.mutual.field import Thing
 from softfuse.sensors.mutual.model import MutualModel
 
@@ -117,7 +117,7 @@ def plain_device() -> Model:
 
 @pytest.fixture(scope="session")
 def coarse(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The pad's config on the coarsest mesh, which is compiled soonest."""
+    """configs/pad.toml on the coarsest mesh, which is compiled soonest."""
     text = (Path(__file__).parents[1] / "configs" / "pad.toml").read_text(encoding="utf-8")
     for key, value in (("surface_size", "30 mm"), ("base_size", "28 mm"), ("fine_depth", "0 mm")):
         start = text.index(f"{key} = ")

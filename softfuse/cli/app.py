@@ -11,7 +11,7 @@ import typer
 from rich.logging import RichHandler
 
 from softfuse.cli.calibrate import calibrate
-from softfuse.cli.computing import prepare_jax
+from softfuse.computing import prepare_jax
 from softfuse.cli.convert import convert
 from softfuse.cli.design import design
 from softfuse.cli.doctor import doctor
@@ -19,8 +19,8 @@ from softfuse.cli.estimate import estimate
 from softfuse.cli.evaluate import evaluate
 from softfuse.cli.mesh import mesh
 from softfuse.cli.observe import observe
-from softfuse.cli.reduce import reduce
 from softfuse.cli.record_virtual import record_virtual
+from softfuse.cli.reduce import reduce
 from softfuse.cli.replay import replay
 from softfuse.cli.run import run
 from softfuse.cli.simulate import simulate

@@ -7,8 +7,8 @@ import typer
 
 from softfuse.cli.terminal import Quiet, busy, stdout
 from softfuse.hardware.record.convert import convert_estimates, convert_frames
-from softfuse.robot.file import file_text, validated
 from softfuse.report.recorded import table_form
+from softfuse.robot.file import file_text, validated
 from softfuse.robot.recording import RecordingFile, RecordingSettings
 
 

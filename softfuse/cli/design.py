@@ -34,10 +34,10 @@ from softfuse.design.verification import pressed
 from softfuse.errors import SoftfuseError
 from softfuse.robot.digest import digest
 from softfuse.robot.file import load
-from softfuse.robot.settings import RobotSettings
 from softfuse.robot.layout.layout_mesh import layout_mesh
 from softfuse.robot.mesh import build_mesh
 from softfuse.robot.robot import build_robot
+from softfuse.robot.settings import RobotSettings
 
 log = logging.getLogger(__name__)
 
@@ -132,7 +132,7 @@ def _verified(
     with busy("finer meshes", quiet=quiet):
         own, mesh = build_mesh(finer), problem.on_mesh(theta).mesh
         devices = (
-            (build_device(finer, own), own.cavities, problem.layout.start),
+            (build_robot(finer, own).model, own.cavities, problem.layout.start),
             (problem.build(mesh, theta), mesh.walls, theta),
         )
         at_rest = [np.asarray(measured(measures, problem.answered(*each))) for each in devices]

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from softfuse.cli.result_folder import claim, put_in_place, writing
 from softfuse.design.problem import Value
 from softfuse.design.search import Trial
 from softfuse.errors import SoftfuseError
+from softfuse.report.result_folder import claim, put_in_place, writing
 
 _NAME, _HISTORY = "design.json", "history.parquet"
 

@@ -11,7 +11,7 @@ from threading import Lock
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.cli.computing import prepare_jax
+from softfuse.computing import prepare_jax
 from softfuse.cli.version import require_version
 from softfuse.design.limits import Limit
 from softfuse.design.of_robot import (

@@ -1,27 +1,27 @@
 """softfuse evaluate: the evaluation of Navarro et al. 2020 on a virtual test bed, beside their figures."""
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from softfuse.cli.calibrate import calibrated_device
-from softfuse.cli.evaluation_bed import record
-from softfuse.cli.evaluation_estimates import EVERY, estimates
-from softfuse.cli.evaluation_finger import FINGER
-from softfuse.cli.evaluation_pad import PAD
-from softfuse.cli.evaluation_report import write_evaluation
 from softfuse.cli.interruption import termination_interrupts
-from softfuse.cli.recorded import sensor_columns
-from softfuse.cli.result_folder import claim
-from softfuse.cli.terminal import Quiet, busy, out_folder, printable, stdout
+from softfuse.cli.terminal import Quiet, busy, counted, out_folder, printable, stdout, tracked_calls
 from softfuse.cli.version import installed_version
 from softfuse.experiment.paper.bed import Bed, build_bed
-from softfuse.hardware.recording import read_recording
+from softfuse.report.calibrated import calibrated_robot
+from softfuse.report.evaluated import EVERY, estimates, record
+from softfuse.report.evaluation import write_evaluation
 from softfuse.report.page import table
+from softfuse.report.press_evaluation import PRESSES
+from softfuse.report.push_evaluation import PUSHES
+from softfuse.report.recorded import read_sensors
+from softfuse.report.result_folder import claim
 from softfuse.robot.digest import digest
 from softfuse.robot.file import load
+from softfuse.robot.robot import build_robot
 from softfuse.robot.settings import RobotSettings
 
 
@@ -34,7 +34,7 @@ def evaluate(
     seed: Annotated[int, typer.Option(help="Another body with other sensors.", min=0)] = 1,
     quiet: Quiet = False,
 ) -> None:
-    """Press a virtual device as the paper did, estimate, and write its tables and figures; goes on where it
+    """Press a virtual robot as the paper did, estimate, and write its tables and figures; goes on where it
     stopped.
     """
     settings = load(config)
@@ -46,25 +46,20 @@ def evaluate(
         "seed": str(seed),
     }
     claim(out, "evaluation.json", "an evaluation", identity, parts="estimates/*/*.npz")
-    evaluator = FINGER if bed.pushes else PAD
+    evaluator = PUSHES if bed.pushes else PRESSES
     with termination_interrupts():
-        recordings = record(bed, out, quiet=quiet)
+        with tracked_calls("pressing the test bed", total=bed.equilibria, quiet=quiet) as solved:
+            recordings = record(bed, out, solved=solved)
         configs = {"as drawn": config}
         if bed.fitted_to:
             configs["calibrated"] = _calibrated(settings, recordings[: bed.fitted_to], out, quiet=quiet)
-        found = {
-            way: estimates(
-                load(path),
-                recordings[bed.fitted_to :],
-                out / "estimates" / way.replace(" ", "_"),
-                evaluator,
-                about=f"estimating {way}",
-                quiet=quiet,
-            )
-            for way, path in configs.items()
-        }
+        found = {}
+        for way, path in configs.items():
+            pressed, folder = recordings[bed.fitted_to :], out / "estimates" / way.replace(" ", "_")
+            with tracked_calls(f"estimating {way}", total=len(pressed), quiet=quiet) as done:
+                found[way] = estimates(load(path), pressed, folder, evaluator, done=done)
     with busy("writing the report", quiet=quiet):
-        evaluation = evaluator.evaluation(settings, found)
+        evaluation = evaluator.evaluation(build_robot(settings), found)
         title = f"{settings.robot.name}: evaluation"
         written = write_evaluation(out, title, evaluation, _sections(bed))
     if not quiet:
@@ -77,8 +72,14 @@ def _calibrated(settings: RobotSettings, recordings: Sequence[Path], out: Path, 
     """The configuration fitted to all samples of some recordings, fitted.toml, with the files beside it."""
     fitted = out / "fitted.toml"
     if not all(fitted.with_suffix(suffix).exists() for suffix in (".toml", ".npz", ".html")):
-        read = [read_recording(path, sensor_columns(settings)) for path in recordings]
-        calibrated_device(settings, read, fitted, quiet=quiet)
+        read = [read_sensors(settings, path) for path in recordings]
+        with ExitStack() as shown:
+
+            def seen(work: str):
+                shown.close()  # one display at a time
+                return shown.enter_context(counted(work, "done", quiet=quiet))
+
+            calibrated_robot(build_robot(settings), read, fitted, presses=None, seen=seen)
     return fitted
 
 

@@ -7,12 +7,12 @@ import platformdirs
 import typer
 
 from softfuse.cli.interruption import termination_interrupts
-from softfuse.cli.result_folder import put_in_place
 from softfuse.cli.terminal import Quiet, busy, out_file, stdout, tracked_calls
 from softfuse.experiment.equilibria import RobotSolver
 from softfuse.experiment.performance import performance, random_episodes
 from softfuse.experiment.recording_file import write_recording
 from softfuse.experiment.virtual_robot import MakingErrors, virtual_robot
+from softfuse.report.result_folder import put_in_place
 from softfuse.robot.file import load
 from softfuse.robot.robot import require_sensors
 

@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.result_folder import writing
 from softfuse.cli.terminal import Quiet, busy, out_file, stdout
 from softfuse.errors import SoftfuseError
 from softfuse.mesh.files import write_mesh
+from softfuse.report.result_folder import writing
 from softfuse.robot.file import load
 from softfuse.robot.robot import build_robot
 from softfuse.robot.trial import Press, Trial, told

@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softfuse.cli.result_folder import claim, put_in_place, writing
 from softfuse.cli.sweep_table import SweepColumn, Value
+from softfuse.report.result_folder import claim, put_in_place, writing
 
 if TYPE_CHECKING:
     import pyarrow as pa

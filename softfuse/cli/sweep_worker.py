@@ -12,7 +12,7 @@ from threading import Lock
 
 import jax.numpy as jnp
 
-from softfuse.cli.computing import prepare_jax
+from softfuse.computing import prepare_jax
 from softfuse.cli.sweep_table import SweepTable, Value
 from softfuse.cli.version import require_version
 from softfuse.errors import SoftfuseError

@@ -103,8 +103,8 @@ class MaterialPoints(eqx.Module):
     ) -> "MaterialPoints":
         """The points (g, 3) m of a body; `named`: what each is called in messages.
 
-        Those up to `within` [m] outside it are put onto its surface, with a note in the log. Raises MeshError,
-        with how far and the nearest places, for points that are further out.
+        Those up to `within` [m] outside it are put onto its surface, with a note in the log. Raises
+        MeshError, with how far and the nearest places, for points that are further out.
         """
         tets, rest = np.asarray(body.tets), np.asarray(body.rest)
         given = np.asarray(points, float).reshape(-1, 3)
@@ -128,7 +128,9 @@ class MaterialPoints(eqx.Module):
             found = nearest_places(body, given[outside])
             far = found.apart > within
             if far.any():
-                raise MeshError(_told_outside(given, outside[far], found.at(far), named) + ": move into the material")
+                raise MeshError(
+                    _told_outside(given, outside[far], found.at(far), named) + ": move into the material"
+                )
             log.warning("%s: put onto its surface", _told_outside(given, outside, found, named))
             element[outside], local[outside], given[outside] = found.element, found.local, found.place
         return cls(jnp.asarray(element), jnp.asarray(tets[element]), jnp.asarray(given), jnp.asarray(local))
@@ -175,8 +177,8 @@ def ball(centre: Float[np.ndarray, "3"], radius: float) -> Float[np.ndarray, "b 
 
 
 class SurfacePlaces(NamedTuple):
-    """g places (g, 3) m on the surface of a body, in its elements (g,) at ξ (g, 3), and how far (g,) m they are
-    from the points that they are nearest to.
+    """g places (g, 3) m on the surface of a body, in its elements (g,) at ξ (g, 3), and how far (g,) m they
+    are from the points that they are nearest to.
     """
 
     place: Float[np.ndarray, "g 3"]
@@ -193,7 +195,9 @@ def nearest_places(body: AbstractBody, points: Float[np.ndarray, "g 3"]) -> Surf
     """The places on the surface of a body at rest that are nearest to points (g, 3) m."""
     tets, rest = np.asarray(body.tets), np.asarray(body.rest)
     surface = boundary_faces(tet_mesh(rest, tets))
-    pieces = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]] if surface.faces.shape[1] == 6 else [[0, 1, 2]])
+    pieces = np.array(
+        [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]] if surface.faces.shape[1] == 6 else [[0, 1, 2]]
+    )
     corners = rest[surface.faces[:, pieces]].reshape(-1, 3, 3)
     near = nearest_on_triangles(points, corners)
     element = surface.tets[near.triangle // len(pieces)]
@@ -223,5 +227,3 @@ def _told_outside(
 
 def _mm(place: Float[np.ndarray, "3"]) -> str:
     return f"({', '.join(f'{1e3 * c:.6g}' for c in place)})"
-
-

@@ -14,6 +14,7 @@ from softfuse.report.figures import Panel, flat_triangles, over_time
 from softfuse.report.page import picture, table
 from softfuse.report.shape_figures import Shape
 from softfuse.report.study import Peak, Study
+from softfuse.robot.robot import Robot
 
 
 def sections(study: Study) -> list[tuple[str, str]]:
@@ -94,13 +95,18 @@ def _by_place(places: Sequence[int], at: np.ndarray, force: np.ndarray) -> Float
 def _location(study: Study) -> str:
     if not study.columns.slots or any(study.columns.named):
         return ""
+    drawn = figures.location_map(study.series(["x_mm", "y_mm"]), study.samples, chamber_outlines(study.robot))
+    return picture(drawn, "Contacts from above, over the chambers.")
+
+
+def chamber_outlines(robot: Robot) -> list[Float[np.ndarray, "4 2"]]:
+    """The rectangles (4, 2) [mm] around each chamber, seen from above."""
     outlines = []
-    for surface in study.robot.mesh.cavities:
-        corners = 1e3 * study.robot.mesh.mesh.nodes[np.unique(surface.faces[:, :3]), :2]
+    for surface in robot.mesh.cavities:
+        corners = 1e3 * robot.mesh.mesh.nodes[np.unique(surface.faces[:, :3]), :2]
         (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
         outlines.append(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))
-    drawn = figures.location_map(study.series(["x_mm", "y_mm"]), study.samples, outlines)
-    return picture(drawn, "Contacts from above, over the chambers.")
+    return outlines
 
 
 def _readings(study: Study) -> str:

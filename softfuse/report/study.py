@@ -135,8 +135,8 @@ class Study:
 
     @cached_property
     def sampled(self) -> Int[np.ndarray, " s"]:
-        """The frames (s,) at which place and force of the contacts are known and something presses; none where
-        these are at places with names.
+        """The frames (s,) at which place and force of the contacts are known and something presses; none
+        where these are at places with names.
         """
         if any(self.columns.named):
             return np.zeros(0, int)

@@ -101,7 +101,9 @@ class PadSource(BlockSource):
             raise wrong_value("a pad has at least one: add [[chamber]] with name and centre", key="chamber")
         for k, centre in enumerate(centres):
             if abs(centre[2] - centres[0][2]) > 1e-9:
-                raise wrong_value("the cavities of a pad are all at one height", key=f"chamber[{k}].centre[2]")
+                raise wrong_value(
+                    "the cavities of a pad are all at one height", key=f"chamber[{k}].centre[2]"
+                )
 
 
 class LayoutSource(BlockSource):

@@ -17,7 +17,8 @@ from softfuse.robot.file import load
 from softfuse.config.build_sensors import build_sensors
 from softfuse.estimation.model_error import ModelError
 from softfuse.estimation.tracked import Frame, Tracked
-from softfuse.estimation.tracker import Tracker, TrackerSettings
+from softfuse.estimation.doubts import TrackerSettings
+from softfuse.estimation.tracker import Tracker
 from softfuse.functional.workspace import FlatWorkspace
 from softfuse.hardware.recording import read_recording
 from softfuse.sensors.pad_senses import PadSenses

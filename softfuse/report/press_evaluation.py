@@ -1,34 +1,36 @@
-"""What `softfuse evaluate` says of a pad: Tables I and II, intervals, Figures 9 to 11 of the paper."""
+"""What `softfuse evaluate` says of presses: Tables I and II, intervals, Figures 9 to 11 of Navarro et al.
+2020.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 
 import numpy as np
 
-from softfuse.cli.evaluation_report import Evaluation, Evaluator, Plate
-from softfuse.cli.pad_study import PadStudy, cavity_outlines_mm, workspace_mm
-from softfuse.cli.study import AbstractStudy
-from softfuse.report import figures
 from softfuse.experiment.accuracy import Samples, coverage, force_table, location_table, scaled, together
-from softfuse.report.comparison import Comparison
-from softfuse.report.mutual_figures import fig_11
+from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.experiment.paper.reported import FORCE_ERROR_PERCENT, LOCATION_ERROR_MM
 from softfuse.experiment.pose_cache import Arrays
+from softfuse.report import figures
+from softfuse.report.comparison import Comparison
+from softfuse.report.evaluation import Evaluation, Evaluator, Plate
+from softfuse.report.mutual_figures import fig_11
 from softfuse.report.page import table
-from softfuse.experiment.paper.mutual_bed import MutualBed
-from softfuse.robot.settings import RobotSettings
-from softfuse.robot.mesh import build_mesh
+from softfuse.report.sections import chamber_outlines
+from softfuse.report.study import Study
+from softfuse.robot.robot import Robot
 
 _NAMES = [each.name for each in fields(Samples)]
 
 
-def _said(study: AbstractStudy) -> Arrays:
+def _said(study: Study) -> Arrays:
     """The samples of a press."""
-    assert isinstance(study, PadStudy) and study.samples is not None
-    return {name: getattr(study.samples, name) for name in _NAMES}
+    samples = study.samples
+    assert samples is not None  # the test bed knows
+    return {name: getattr(samples, name) for name in _NAMES}
 
 
-def _evaluation(settings: RobotSettings, found: Mapping[str, Sequence[Arrays]]) -> Evaluation:
+def _evaluation(robot: Robot, found: Mapping[str, Sequence[Arrays]]) -> Evaluation:
     """The evaluation of presses, each estimated in some ways."""
     samples = {way: together([Samples(**each) for each in many]) for way, many in found.items()}
     named = _named(next(iter(samples.values())))
@@ -38,20 +40,20 @@ def _evaluation(settings: RobotSettings, found: Mapping[str, Sequence[Arrays]]) 
         Comparison("table_1", "Table I: location error", "mm", LOCATION_ERROR_MM, location, named),
         Comparison("table_2", "Table II: force error", "%", FORCE_ERROR_PERCENT, force, named),
     )
-    outlines, plates = cavity_outlines_mm(build_mesh(settings)), []
+    outlines, plates = chamber_outlines(robot), []
     for way, each in samples.items():
         key = way.replace(" ", "_")
         places = np.empty((0, 2))
         plates += [
             Plate(
                 f"figure_09_{key}",
-                f"Figure 9, {way}: true and estimated locations over the cavities.",
+                f"Figure 9, {way}: true and estimated locations over the chambers.",
                 figures.location_map(places, each, outlines),
             ),
             Plate(
                 f"figure_10_{key}",
                 f"Figure 10, {way}: estimated over true force, and the force error at the true locations.",
-                figures.force_agreement(each, workspace_mm(settings)),
+                figures.force_agreement(each),
             ),
         ]
     caption = "Figure 11: what a grid of 4 x 4 mutual capacitances sees of things near and touching."
@@ -97,5 +99,5 @@ def _rows(samples: Mapping[str, Samples]) -> dict[str, dict[str, np.ndarray]]:
     }
 
 
-PAD = Evaluator(frozenset(_NAMES), _said, _evaluation)
+PRESSES = Evaluator(frozenset(_NAMES), _said, _evaluation)
 """Tables I and II, Figures 9 to 11."""

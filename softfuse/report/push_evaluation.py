@@ -1,4 +1,4 @@
-"""What `softfuse evaluate` says of a finger: Table III, Figures 12 and 13 of Navarro et al. 2020."""
+"""What `softfuse evaluate` says of pushes: Table III, Figures 12 and 13 of Navarro et al. 2020."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -6,21 +6,19 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.cli.evaluation_report import Evaluation, Evaluator, Plate
-from softfuse.cli.finger_study import FingerStudy
-from softfuse.cli.study import AbstractStudy
-from softfuse.experiment import finger_figures, shape_figures
 from softfuse.experiment.accuracy import scaled, together
-from softfuse.report.comparison import Comparison
 from softfuse.experiment.contact_accuracy import ContactSamples, contact_force_table
-from softfuse.report.figures import flat_triangles
 from softfuse.experiment.paper.reported import POSITION_ERROR_MM
 from softfuse.experiment.pose_cache import Arrays
 from softfuse.experiment.shape_accuracy import PULLED_M, ShapeSamples, position_table
-from softfuse.report.shape_figures import Shape
 from softfuse.mesh.surface import outer_surface
-from softfuse.robot.settings import RobotSettings
-from softfuse.robot.mesh import build_mesh
+from softfuse.report import figures, shape_figures
+from softfuse.report.comparison import Comparison
+from softfuse.report.evaluation import Evaluation, Evaluator, Plate
+from softfuse.report.sections import largest_shapes
+from softfuse.report.shape_figures import Shape
+from softfuse.report.study import Study
+from softfuse.robot.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,19 +52,18 @@ class Pushed:
 _PARTS: Mapping[str, type] = {"shape": ShapeSamples, "contact": ContactSamples, "largest": Shape}
 
 
-def _said(study: AbstractStudy) -> Arrays:
+def _said(study: Study) -> Arrays:
     """What is kept of a push."""
-    assert isinstance(study, FingerStudy)
-    series = study.series
-    shape, contact, depth = series.shape_samples, series.contact_samples, series.truth.depth_m
-    assert shape is not None and contact is not None and depth is not None  # the test bed knows
-    return Pushed(shape, contact, depth[series.truth.samples], study.shapes[0]).arrays
+    shape, contact, depth_mm = study.shape_samples, study.contact_samples, study.truth.depth_mm
+    assert shape is not None and contact is not None and depth_mm is not None  # the test bed knows
+    depth = 1e-3 * depth_mm[study.truth.samples(study.point_columns)]
+    return Pushed(shape, contact, depth, largest_shapes(study)[0]).arrays
 
 
-def _evaluation(settings: RobotSettings, found: Mapping[str, Sequence[Arrays]]) -> Evaluation:
+def _evaluation(robot: Robot, found: Mapping[str, Sequence[Arrays]]) -> Evaluation:
     """The evaluation of pushes, each estimated in some ways."""
     pushes = {way: [Pushed.of(each) for each in many] for way, many in found.items()}
-    names = [point.name for point in settings.points]
+    names = [point.name for point in robot.settings.points]
     shapes = {way: together([each.shape for each in many]) for way, many in pushes.items()}
     contacts = {way: together([each.contact for each in many]) for way, many in pushes.items()}
     position = {way: scaled(position_table(each, names), 1e3) for way, each in shapes.items()}
@@ -76,13 +73,13 @@ def _evaluation(settings: RobotSettings, found: Mapping[str, Sequence[Arrays]]) 
         Comparison("table_3", "Table III: position error", "mm", POSITION_ERROR_MM, position, named),
         Comparison("forces", "Force error", "%", {}, force, named),
     )
-    rest = np.array([point.at for point in settings.points])
-    mesh = build_mesh(settings).mesh
-    flat = flat_triangles(outer_surface(mesh).faces)
+    rest = np.array([point.at for point in robot.settings.points])
+    mesh = robot.mesh.mesh
+    flat = figures.flat_triangles(outer_surface(mesh).faces)
     plates = []
     for way, each in shapes.items():
         depth = np.concatenate([push.depth_m for push in pushes[way]])
-        moved = finger_figures.points_over_depth(
+        moved = figures.points_over_depth(
             each.press,
             1e3 * depth,
             each.cable_m > PULLED_M,
@@ -93,10 +90,10 @@ def _evaluation(settings: RobotSettings, found: Mapping[str, Sequence[Arrays]]) 
         )
         seen = [push.largest for push in pushes[way]]
         plates += [
-            Plate("figure_12", "Figure 12: how far points of the finger have moved, over depth.", moved),
+            Plate("figure_12", "Figure 12: how far points of the body have moved, over depth.", moved),
             Plate(
                 "figure_13",
-                "Figure 13: the estimated finger under the largest force of each push, over its rest.",
+                "Figure 13: the estimated body under the largest force of each push, over its rest.",
                 shape_figures.shapes(mesh.nodes, flat, seen),
             ),
         ]
@@ -121,7 +118,7 @@ def _rows(samples: ShapeSamples, names: Sequence[str]) -> dict[str, np.ndarray]:
     return columns
 
 
-FINGER = Evaluator(
+PUSHES = Evaluator(
     frozenset(
         {"depth_m"} | {f"{part}.{each.name}" for part, kind in _PARTS.items() for each in fields(kind)}
     ),

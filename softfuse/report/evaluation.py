@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.cli.result_folder import writing
-from softfuse.cli.study import AbstractStudy
 from softfuse.experiment.pose_cache import Arrays
 from softfuse.report.comparison import UNKNOWN, Comparison
 from softfuse.report.page import page, picture
-from softfuse.robot.settings import RobotSettings
+from softfuse.report.result_folder import writing
+from softfuse.report.study import Study
+from softfuse.robot.robot import Robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _ABOUT = (
     f"<p>Paper: Navarro et al., RA-L 5(4), 2020, on their own device; {UNKNOWN} where its figure is not at "
-    "hand. The others: this device, on a virtual test bed.</p>"
+    "hand. The others: this robot, on a virtual test bed.</p>"
 )
 
 
@@ -48,15 +48,15 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class Evaluator:
-    """How one kind of device is evaluated.
+    """How what one kind of test bed does is evaluated.
 
     names: of the arrays that are kept of each recording; said: these arrays of a study; evaluation: from the
-    configuration and the arrays of all recordings, estimated in some ways.
+    robot and the arrays of all recordings, estimated in some ways.
     """
 
     names: frozenset[str]
-    said: Callable[[AbstractStudy], Arrays]
-    evaluation: Callable[[RobotSettings, Mapping[str, Sequence[Arrays]]], Evaluation]
+    said: Callable[[Study], Arrays]
+    evaluation: Callable[[Robot, Mapping[str, Sequence[Arrays]]], Evaluation]
 
 
 def write_evaluation(
