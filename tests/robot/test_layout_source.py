@@ -6,18 +6,15 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
-from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
-from softfuse.experiment.build_evaluation import build_bed
-from softfuse.robot.mesh import RobotMesh, build_mesh
-from softfuse.experiment.build_virtual_pad import PadPlan
-from softfuse.robot.layout.layout_drawing import LayoutDrawing
+
 from softfuse.errors import ConfigError
-from softfuse.experiment.pose_cache import settings_digest
+from softfuse.experiment.virtual_robot import MakingErrors, virtual_robot
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.chart import facing
 from softfuse.mechanics.model import simulate
+from softfuse.robot.file import load
+from softfuse.robot.mesh import RobotMesh, build_mesh
 
 Layout = Callable[..., Path]
 
@@ -186,18 +183,11 @@ def test_curved_cavities_are_as_they_were_made(layout: Layout) -> None:
     np.testing.assert_allclose(np.delete(volumes(made), 1), np.delete(volumes(drawn), 1), rtol=1e-12)
 
 
-def test_a_test_bed_is_of_the_layout_but_not_the_estimators_body(layout: Layout) -> None:
+def test_a_virtual_robot_is_of_the_layout_but_not_the_estimators_body(layout: Layout) -> None:
     config = load(layout(BOX, BEAN, BOX, BEAN))
-    beds = [build_bed(config, grid=2, seed=seed) for seed in (1, 1, 2)]
-    plans = [bed.plan for bed in beds]
-    assert all(isinstance(plan, PadPlan) for plan in plans)
-    settings = plans[0].settings
-    assert isinstance(settings.drawing, LayoutDrawing) and settings.drawing == plans[2].settings.drawing
-    np.testing.assert_allclose(settings.drawing.centres(), [c.centre for c in config.cavities])
-    assert settings.surface_size < config.body.source.surface_size and settings.layer > 0
-    assert settings.errors.seed == 1 and plans[2].settings.errors.seed == 2
-    # Equilibria are kept by what is said of the body.
-    one, same, other = (settings_digest(plan.settings) for plan in plans)
-    assert one == same != other
-    changed = load(layout(BOX, BEAN.replace("0.4", "0.41"), BOX, BEAN))
-    assert settings_digest(build_bed(changed, grid=2, seed=1).plan.settings) != one
+    one, other = (virtual_robot(config, MakingErrors(nodes=0, seed=seed)).made for seed in (1, 2))
+    assert one.settings.body.source == config.body.source
+    drawn = volumes(build_mesh(config))
+    for robot in (one, other):
+        assert 1e-4 < np.abs(volumes(robot.mesh) / drawn - 1).max() < 0.1
+    assert np.abs(volumes(one.mesh) / volumes(other.mesh) - 1).min() > 1e-5
