@@ -13,7 +13,7 @@ from softfuse.sensors.pressure import sensor as pressure
 class PressureSettings(pressure.PressureSettings):
     """Pressure sensors, one on each sealed cavity, in the order of [[cavity]]."""
 
-    type: Literal["MPX5100A", "MPX5100D", "MPX5100G"]  # pyright: ignore[reportIncompatibleVariableOverride]
+    type: Literal["MPX5100A", "MPX5100D", "MPX5100G"]  # pyright: ignore
     name: str = "pressure"
 
     @model_validator(mode="before")

@@ -13,7 +13,7 @@ from softfuse.sensors.flow import sensor as flow
 class FlowSettings(flow.FlowSettings):
     """Flow sensors, one on each cavity, in the order of [[cavity]]."""
 
-    type: Literal["D6F-P0001A1"]  # pyright: ignore[reportIncompatibleVariableOverride]
+    type: Literal["D6F-P0001A1"]  # pyright: ignore
     name: str = "flow"
 
     @model_validator(mode="before")
@@ -25,7 +25,7 @@ class FlowSettings(flow.FlowSettings):
 class CapacitiveSettings(crossed.CrossedSettings):
     """A single-ended array of crossed lines of diamonds, of which rows and columns are named apart."""
 
-    type: Literal["crossed-diamonds"]  # pyright: ignore[reportIncompatibleVariableOverride]
+    type: Literal["crossed-diamonds"]  # pyright: ignore
     name: str = "electrode"
     contact: str = "contact"
     row_channels: Names

@@ -13,15 +13,9 @@ from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
 from softfuse.functional.cable import guide_forces, length
-<<<<<<< HEAD
-from softfuse.functional.material_points import MaterialPoints
-from softfuse.mechanics.load import AbstractLoad, Sizes
-from softfuse.mechanics.points import AbstractGuides, PointPorts, ball
-=======
 from softfuse.functional.material_points import MaterialPoints, ball
 from softfuse.mechanics.load import AbstractLoad, Sizes
 from softfuse.mechanics.points import AbstractGuides, PointPorts
->>>>>>> functionals
 
 
 class PulledCable(AbstractLoad):

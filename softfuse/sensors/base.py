@@ -1,9 +1,10 @@
-"""What all sensors have in common: their settings, filters from raw channels to SI, and what they tell each other.
+"""What all sensors have in common: their settings, filters from raw channels to SI, and what they tell each
+other.
 
 A frame is worked through in this order (`suite`): hints of what begins, from the frames before; touch, from
-sensors that see contacts; a touch that only gas tells (`pneumatic_touch`); the `Context` of these; the readings
-of all other sensors; the places of contacts. All of it is pure and causal: it runs live, and in a `jax.lax.scan`
-over a recording. NaN stands for a raw reading that is missing.
+sensors that see contacts; a touch that only gas tells (`pneumatic_touch`); the `Context` of these; the
+readings of all other sensors; the places of contacts. All of it is pure and causal: it runs live, and in a
+`jax.lax.scan` over a recording. NaN stands for a raw reading that is missing.
 """
 
 from abc import abstractmethod
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class FrameTime(NamedTuple):
-    """Time of a frame and step to it [s], whether it is later than the last one, and whether it is the first."""
+    """Time of a frame and step to it [s], whether it is later than the last, and whether it is the first."""
 
     now_s: Float[Array, ""]
     dt_s: Float[Array, ""]
@@ -40,9 +41,9 @@ class FrameTime(NamedTuple):
 class Hint(NamedTuple):
     """What k channels of gas said up to the last frame about a touch that begins.
 
-    `outflow` (k,): gas that is squeezed, of late [standard deviations], negative where a chamber widens; `begins`
-    (k,): it may be a touch that begins, not the end of one; `level` (k,): it says how far gas is squeezed, for as
-    long as it is, not how fast.
+    `outflow` (k,): gas that is squeezed, of late [standard deviations], negative where a chamber widens;
+    `begins` (k,): it may be a touch that begins, not the end of one; `level` (k,): it says how far gas is
+    squeezed, for as long as it is, not how fast.
     """
 
     outflow: Float[Array, " k"]
@@ -60,8 +61,8 @@ class Hint(NamedTuple):
         return self._replace(outflow=jnp.where(still, 0.0, self.outflow))
 
     def squeezed(self) -> Float[Array, ""]:
-        """The largest outflow, 0 when an inflow is larger still: a release squeezes no chamber, though it moves
-        gas out of the neighbours; 0 without any channel.
+        """The largest outflow, 0 when an inflow is larger still: a release squeezes no chamber, though it
+        moves gas out of the neighbours; 0 without any channel.
         """
         outflow, inflow = (jnp.max(each, initial=0.0) for each in (self.outflow, -self.outflow))
         return jnp.where(outflow > inflow, outflow, 0.0)
@@ -90,9 +91,9 @@ class Touch(NamedTuple):
 class Context(NamedTuple):
     """What all sensors know of a frame together.
 
-    Something is `near`; it is `touching`; only gas tells of it, `unseen`; nothing is so near that it could press,
-    `clear`; an actuator is `driven`; nothing is near or driven, the body is `resting`; something touched before the
-    first frame, `begun_touched`.
+    Something is `near`; it is `touching`; only gas tells of it, `unseen`; nothing is so near that it could
+    press, `clear`; an actuator is `driven`; nothing is near or driven, the body is `resting`; something
+    touched before the first frame, `begun_touched`.
     """
 
     near: Bool[Array, ""]
@@ -105,9 +106,9 @@ class Context(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """k readings of a frame: values since rest and standard deviations (k,) [SI], whether they count (k,), what is
-    to be said about them; what they drift by, None where they do not; changes of the chambers' volumes that they
-    tell, None where they tell none; and whatever else the sensor knows.
+    """k readings of a frame: values since rest and standard deviations (k,) [SI], whether they count (k,),
+    what is to be said about them; what they drift by, None where they do not; changes of the chambers'
+    volumes that they tell, None where they tell none; and whatever else the sensor knows.
     """
 
     value: Float[Array, " k"]
@@ -122,9 +123,9 @@ class Measurement(NamedTuple):
 class Evidence(NamedTuple):
     """What one sensor says of its c contacts.
 
-    `touching` (c,); `located` (c,): it is known where; `allowed` (c,): and a contact may press there; `place` (c, 3,
-    3), see `functional.chart`; `covariance` (c, 2, 2) along the place's tangents [m²]; flags and details as those of
-    a Measurement.
+    `touching` (c,); `located` (c,): it is known where; `allowed` (c,): and a contact may press there; `place`
+    (c, 3, 3), see `functional.chart`; `covariance` (c, 2, 2) along the place's tangents [m²]; flags and
+    details as those of a Measurement.
     """
 
     touching: Bool[Array, " c"]
@@ -243,7 +244,8 @@ class SensorSettings(Settings):
     def signal(
         self, parts: "Parts", contacts: "Sequence[TrueContact]", moved: Float[np.ndarray, "m 3"]
     ) -> Float[np.ndarray, " k"]:
-        """What of the contacts that it sees reaches its electronics (k,), in its own units, in an equilibrium.
+        """What of the contacts that it sees reaches its electronics (k,), in its own units, in an
+        equilibrium.
 
         `moved` (m, 3) m: where the `points` are then.
         """
@@ -261,7 +263,9 @@ class SensorSettings(Settings):
 
     @abstractmethod
     def electronics(self, parts: "Parts", rng: np.random.Generator) -> ChannelElectronics:
-        """What real parts, drawn from a generator, make of n ideal readings: gain, zero, drift, noise, converter."""
+        """What real parts, drawn from a generator, make of n ideal readings: gain, zero, drift, noise,
+        converter.
+        """
 
     def simulate(
         self,

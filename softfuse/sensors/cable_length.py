@@ -1,7 +1,7 @@
 """By how much cables have been shortened: encoders of winches, or rulers.
 
-Lengths are averaged over `average`, as pressures are, so that both tell the same shape; a cable shorter than its
-`slack` drives the body.
+Lengths are averaged over `average`, as pressures are, so that both tell the same shape; a cable shorter than
+its `slack` drives the body.
 """
 
 from typing import Annotated, Literal, Self
@@ -61,9 +61,9 @@ class CableLength(AbstractSensor):
 class CableLengthSettings(SensorSettings):
     """By how much each cable has been shortened; a frame without a reading has an empty field.
 
-    channels: one column per cable, in `unit`; zero in m: what is read where the cable gets taut, one value or one for
-    each cable; noise: standard deviation in m; slack in m: a cable that is shorter by less leaves the body at rest;
-    average in s.
+    channels: one column per cable, in `unit`; zero in m: what is read where the cable gets taut, one value or
+    one for each cable; noise: standard deviation in m; slack in m: a cable that is shorter by less leaves the
+    body at rest; average in s.
     """
 
     type: Literal["cable-length"] = "cable-length"

@@ -84,8 +84,8 @@ class BaselineSettings(Settings):
 
 class CountsSettings(SensorSettings):
     """Capacitive channels: noise in counts; a reading outside lowest_counts .. highest_counts, or the same in
-    stuck_frames frames, belongs to a broken one. With 8 counts of noise two readings are equal once in 28 frames, so
-    25 equal ones in a row are no chance.
+    stuck_frames frames, belongs to a broken one. With 8 counts of noise two readings are equal once in 28
+    frames, so 25 equal ones in a row are no chance.
     """
 
     noise_counts: PositiveNumber = 8.0

@@ -1,4 +1,4 @@
-"""Places of contacts that sensors see in coordinates of a chart, and one place of several that see the same."""
+"""Places of contacts that sensors see in coordinates of a chart, and one of several that see the same."""
 
 import jax
 import jax.numpy as jnp
@@ -28,8 +28,8 @@ def joined_places(
 ) -> tuple[Float[Array, "c 3 3"], Float[Array, "c 2 2"]]:
     """What n sensors say of c contacts, each by its precision; where none locates one, what the first says.
 
-    Args: places, covariances along their own tangents [m²], and who locates a contact. The place found lies in the
-    tangents of the first that does.
+    Args: places, covariances along their own tangents [m²], and who locates a contact. The place found lies
+    in the tangents of the first that does.
     """
     first = jnp.argmax(located, axis=0)
     contacts = jnp.arange(located.shape[1])

@@ -5,7 +5,8 @@
 for a noiseless reading x: D leaves out what is smaller than the dead zone, v₀ is the reading that means
 nothing, z a constant zero, w and s zeros that wander fast and slowly, n white noise, Δ the step of the
 converter. Both wanders are stationary Ornstein-Uhlenbeck processes, w(t + δ) = e^(−δ/τ) w(t) + σ √(1 −
-e^(−2δ/τ)) ξ, exact for any δ (Gillespie, Phys. Rev. E 54, 2084, 1996): what runs for days stays in its bounds.
+e^(−2δ/τ)) ξ, exact for any δ (Gillespie, Phys. Rev. E 54, 2084, 1996): what runs for days stays in its
+bounds.
 """
 
 from collections.abc import Sequence
@@ -91,7 +92,9 @@ class Converter:
     def read(
         self, time_s: Float[np.ndarray, " m"], ideal: Float[np.ndarray, "m k"]
     ) -> Float[np.ndarray, "m k"]:
-        """Samples (m, k) of ideal readings (m, k) at times (m,) s that are later than all before and increase."""
+        """Samples (m, k) of ideal readings (m, k) at times (m,) s that are later than all before and
+        increase.
+        """
         parts = self._parts
         asked = ideal - parts.nothing
         value = (

@@ -21,9 +21,9 @@ GRAVITY_M_S2 = (0.0, 0.0, -9.81)
 
 @dataclass(frozen=True, eq=False)
 class ChamberPart:
-    """A chamber: its enclosed volume, its number among the actuators' drives, None where it is vented; what is
-    outside [Pa, absolute], its volume at rest and that of tube and port [m³]; whether its gas is `sealed` in, so
-    that its pressure answers, or else driven to a pressure.
+    """A chamber: its enclosed volume, its number among the actuators' drives, None where it is vented; what
+    is outside [Pa, absolute], its volume at rest and that of tube and port [m³]; whether its gas is `sealed`
+    in, so that its pressure answers, or else driven to a pressure.
     """
 
     cavity: Cavity
@@ -59,8 +59,8 @@ class ContactPart:
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The body, its outer faces (f, s), and all that has a name; gravity (3,) [m/s²], atmosphere [Pa, absolute]
-    and temperature [K] around it.
+    """The body, its outer faces (f, s), and all that has a name; gravity (3,) [m/s²], atmosphere [Pa,
+    absolute] and temperature [K] around it.
     """
 
     body: AbstractBody
@@ -86,7 +86,7 @@ class Parts:
         return _named(self.contacts, "contact", sensor, name)
 
     def point_of(self, sensor: str, name: str) -> Float[np.ndarray, "3"]:
-        """The place (3,) m at rest of the point that a sensor names; raises ConfigError where there is none."""
+        """The place (3,) m at rest of a point that a sensor names; raises ConfigError where there is none."""
         return np.asarray(_named(self.points, "point", sensor, name), float)
 
 

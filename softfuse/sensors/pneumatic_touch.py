@@ -1,10 +1,11 @@
 """Touches that electrodes do not see: something that does not conduct squeezes air out of the cavities.
 
 Such a touch begins when gas flows out of a cavity, or is squeezed in a sealed one, while nothing is near the
-electrodes, for `on_frames` frames, and ends when all air is still and has come back: when no cavity lacks more than a `returned` part of
-the most that one has lacked, or, of one whose flow was lost, since it was too fast to be measured, when gas
-flew in last. What electrodes see takes over from it. A sensor's zero that jumps looks like an outflow without
-end; after `longest_s` of it the touch is given up, and none begins until the outflow has ended.
+electrodes, for `on_frames` frames, and ends when all air is still and has come back: when no cavity lacks
+more than a `returned` part of the most that one has lacked, or, of one whose flow was lost, since it was too
+fast to be measured, when gas flew in last. What electrodes see takes over from it. A sensor's zero that jumps
+looks like an outflow without end; after `longest_s` of it the touch is given up, and none begins until the
+outflow has ended.
 """
 
 import equinox as eqx
@@ -69,8 +70,8 @@ def pneumatic_update(
 ) -> PneumaticState:
     """One frame.
 
-    Args: dt_s since the last frame [s]; hint: of gas, up to the last frame; volume: that of the last frame; near:
-    whether electrodes see something in this one.
+    Args: dt_s since the last frame [s]; hint: of gas, up to the last frame; volume: that of the last frame;
+    near: whether electrodes see something in this one.
     """
     hint = hint.still(~(state.touching | hint.begins))
     flow, pressed = hint.still(hint.level), hint.still(~hint.level).squeezed() > detector.flow_sigma

@@ -31,8 +31,8 @@ class ReadingDrift(NamedTuple):
 
 
 class DriftModel(eqx.Module):
-    """How δ of k readings goes on, `zero`, each value of it (k,), and what it does to each: `effect` (k,), readings
-    [SI] per volt second of the integral's error, 0 of a reading that does not drift.
+    """How δ of k readings goes on, `zero`, each value of it (k,), and what it does to each: `effect` (k,),
+    readings [SI] per volt second of the integral's error, 0 of a reading that does not drift.
     """
 
     zero: ZeroDrift
@@ -53,8 +53,8 @@ class DriftModel(eqx.Module):
     def step(
         self, dt_s: float, period_s: float
     ) -> tuple[Float[np.ndarray, "k 3 3"], Float[np.ndarray, "k 3 3"]]:
-        """The transition (k, 3, 3) over dt_s [s] in each reading, and what comes by chance (k, 3, 3), of sensors
-        that are read every period_s [s].
+        """The transition (k, 3, 3) over dt_s [s] in each reading, and what comes by chance (k, 3, 3), of
+        sensors that are read every period_s [s].
         """
         # Numbers of one type, whatever they came as: of another this would be compiled once more.
         samples = np.float64(max(dt_s / period_s, 1.0))

@@ -1,4 +1,6 @@
-"""All kinds of sensors by the `type` of their [[sensor]] table: a new one is a file of its own and a line here."""
+"""All kinds of sensors by the `type` of their [[sensor]] table: a new one is a file of its own and a line
+here.
+"""
 
 from collections.abc import Mapping
 from types import MappingProxyType

@@ -1,8 +1,9 @@
-"""Crossed lines of electrodes under a flat face: one contact of something that conducts, by the peak it leaves.
+"""Crossed lines of electrodes under a flat face: one contact of something that conducts, by the peak it
+leaves.
 
-Signals above the baseline -> touch, by their strength and by gas that is squeezed -> location by the peak fit, which
-is followed from frame to frame while something is near -> baseline for the next frame. An electrode that lies is
-found 17 frames later, see `peak_follow`. Lines are ordered rows first, then columns.
+Signals above the baseline -> touch, by their strength and by gas that is squeezed -> location by the peak
+fit, which is followed from frame to frame while something is near -> baseline for the next frame. An
+electrode that lies is found 17 frames later, see `peak_follow`. Lines are ordered rows first, then columns.
 """
 
 from typing import NamedTuple
@@ -91,12 +92,14 @@ class _Seen(NamedTuple):
 class CrossedElectrodes(AbstractContactSensor):
     """The lines, in the place where they lie on the chart of the contact that they see.
 
-    `low_m`, `high_m` (2,): where middles of contacts may be [m]; `weighted_mean`: whether that is the location.
+    `low_m`, `high_m` (2,): where middles of contacts may be [m]; `weighted_mean`: whether that is the
+    location.
     """
 
     name: str = eqx.field(static=True)
     channels: tuple[str, ...] = eqx.field(static=True)
     contact: str = eqx.field(static=True)
+    slots: int = eqx.field(static=True)
     weighted_mean: bool = eqx.field(static=True)
     array: CapacitiveArray
     peak: PeakModel
@@ -105,11 +108,6 @@ class CrossedElectrodes(AbstractContactSensor):
     chart: AbstractChart
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
-
-    @property
-    def slots(self):
-        """One contact: profiles of two cannot be told apart."""
-        return 1
 
     @property
     def misses(self):
@@ -193,8 +191,8 @@ def _peak(
     valid: Bool[Array, " e"],
     near: Bool[Array, ""],
 ):
-    """The track, and location, covariance, its widening, residual, honest lines, whether to believe; no fit while
-    nothing is near.
+    """The track, and location, covariance, its widening, residual, honest lines, whether to believe; no fit
+    while nothing is near.
     """
     low = jnp.stack([peak.column_x_m[0], peak.row_y_m[0]])
     high = jnp.stack([peak.column_x_m[-1], peak.row_y_m[-1]])

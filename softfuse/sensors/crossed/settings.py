@@ -1,4 +1,6 @@
-"""A single-ended array of crossed lines of diamonds: what its keys mean, and what its lines say in simulation."""
+"""A single-ended array of crossed lines of diamonds: what its keys mean, and what its lines say in
+simulation.
+"""
 
 from collections.abc import Sequence
 from functools import cache
@@ -28,15 +30,16 @@ from softfuse.sensors.crossed.peak_model import PeakModel
 from softfuse.sensors.crossed.sensor import CrossedElectrodes
 from softfuse.sensors.crossed.touch import TouchDetector
 from softfuse.sensors.electronics import equal_channels
-from softfuse.sensors.parts import ContactPart, Parts
-from softfuse.sensors.true_contact import TrueContact, face_height
+from softfuse.sensors.parts import Parts
+from softfuse.sensors.true_contact import TrueContact, coordinates, face_height, flat_chart
 
 Fraction = Annotated[Number, Gt(0), Lt(1)]
 
 Gains = Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)]
 """What is measured over what there is [-]: one value for all, or one for each."""
 
-# Of virtual lines: counts per farad, parasitic counts and by how much they differ, bound of gains, a slow drift.
+# Of virtual lines: counts per farad, parasitic counts and by how much they differ, bound of gains, a slow
+# drift.
 _COUNTS_PER_F, _PARASITIC, _PARASITIC_BOUND, _GAIN_BOUND = 2000e12, 20000.0, 500.0, 0.005
 _SLOW_SIGMA, _SLOW_TIME_S = 10.0, 300.0
 
@@ -44,8 +47,9 @@ _SLOW_SIGMA, _SLOW_TIME_S = 10.0, 300.0
 class TouchSettings(Settings):
     """When something is near, touches, and is gone: standard deviations, counts, fractions, frames.
 
-    The largest of 8 + 8 noises adds up to 2.8 standard deviations on average and exceeds 8 once in 10^6 frames.
-    contact_on_counts is about 40 % of what the paper's 20 mm indenter gives on electrodes at 1.0 and 1.5 mm depth.
+    The largest of 8 + 8 noises adds up to 2.8 standard deviations on average and exceeds 8 once in 10^6
+    frames. contact_on_counts is about 40 % of what the paper's 20 mm indenter gives on electrodes at 1.0 and
+    1.5 mm depth.
     """
 
     near_on_sigma: PositiveNumber = 8.0
@@ -86,8 +90,8 @@ class PeakSettings(Settings):
     """How sure the peak fit is beforehand, as standard deviations, and how it is found.
 
     Radius of the contact and gap to it in m, common offset of the lines in counts, misfit of the model
-    relative to the largest signal. outlier: root mean square residual from which a lying line is looked for, in
-    standard deviations; iterations: of a fit that begins anew.
+    relative to the largest signal. outlier: root mean square residual from which a lying line is looked for,
+    in standard deviations; iterations: of a fit that begins anew.
     """
 
     radius_sigma: PositiveLength = 0.5e-3
@@ -125,10 +129,10 @@ class PoseSettings(Settings):
 class CrossedSettings(CountsSettings):
     """A single-ended array of crossed lines of diamonds under the flat face on which a [[contact]] presses.
 
-    row_y, column_x: their centre lines in the chart of the contact, and depths below the surface, in m. channels:
-    columns of a recording, rows first. row_gain, column_gain [-]: counts of a line for what a nominal one says with
-    one, one value or one for each. row_baseline, column_baseline: counts of each line untouched, for a start while
-    something touches.
+    row_y, column_x: their centre lines in the chart of the contact, and depths below the surface, in m.
+    channels: columns of a recording, rows first. row_gain, column_gain [-]: counts of a line for what a
+    nominal one says with one, one value or one for each. row_baseline, column_baseline: counts of each line
+    untouched, for a start while something touches.
     """
 
     type: Literal["crossed-diamonds"] = "crossed-diamonds"
@@ -191,10 +195,11 @@ class CrossedSettings(CountsSettings):
         )
 
     def peak_model(self, radius_m: float) -> PeakModel:
-        """The peak that a contact of a radius [m] leaves; the deeper layer collects the flux around the array's rim.
+        """The peak that a contact of a radius [m] leaves; the deeper layer collects the flux around the
+        array's rim.
 
-        The rim strip of the deeper layer is as wide as the distance between the layers (the height by which the
-        array's side face exposes it), that of the other layer zero.
+        The rim strip of the deeper layer is as wide as the distance between the layers (the height by which
+        the array's side face exposes it), that of the other layer zero.
         """
         peak, gap = self.peak, self.row_depth - self.column_depth
         return PeakModel(
@@ -214,19 +219,17 @@ class CrossedSettings(CountsSettings):
             iterations=peak.iterations,
         )
 
-    def _under(self, parts: Parts) -> tuple[ContactPart, FlatChart]:
-        part = parts.contact_of(self.name, self.contact)
-        if not isinstance(part.chart, FlatChart):
-            raise self._wrong(f'crossed lines lie under a flat face, contact "{self.contact}" is on none')
-        return part, part.chart
+    def _chart(self, parts: Parts) -> FlatChart:
+        return flat_chart(parts, self.name, self.contact)
 
     def sensor(self, parts):
         """Raises ConfigError for a contact that there is not, or that presses on no flat face."""
-        part, chart = self._under(parts)
+        part, chart = parts.contact_of(self.name, self.contact), self._chart(parts)
         return CrossedElectrodes(
             self.name,
             self.channels,
             self.contact,
+            1,  # profiles of two contacts cannot be told apart
             self.location == "weighted-mean",
             self.array(),
             self.peak_model(part.radius),
@@ -247,7 +250,7 @@ class CrossedSettings(CountsSettings):
 
     def points(self, parts):
         """Middles (m, 3) m of the squares that the lines are cut into."""
-        part, chart = self._under(parts)
+        part, chart = parts.contact_of(self.name, self.contact), self._chart(parts)
         middle = _field(self._lines, part.radius).panels.middle
         pose, d = self.pose.pose(), np.asarray(chart.direction)
         at = np.array([chart.place(pose.on_body(jnp.asarray(each[:2])))[0] for each in middle])
@@ -259,11 +262,11 @@ class CrossedSettings(CountsSettings):
 
         Pressed in, it takes the lines below it along; those around it lag behind and come nearer to its wall.
         They are moved up and down with the body, those under it by the mean of their layer there, since the
-        distance of a millimetre that matters is less than what a coarse mesh resolves point by point. Sideways they
-        are left in place: the silicone under a flat punch hardly flows (not at all if incompressible and deep:
-        Johnson, Contact Mechanics, 1985, Sec. 3.4).
+        distance of a millimetre that matters is less than what a coarse mesh resolves point by point.
+        Sideways they are left in place: the silicone under a flat punch hardly flows (not at all if
+        incompressible and deep: Johnson, Contact Mechanics, 1985, Sec. 3.4).
         """
-        part, chart = self._under(parts)
+        part, chart = parts.contact_of(self.name, self.contact), self._chart(parts)
         field = _field(self._lines, part.radius)
         if not contacts:
             return field.alone
@@ -271,7 +274,7 @@ class CrossedSettings(CountsSettings):
             raise self._wrong("crossed lines see one contact, not several at once")
         (contact,) = contacts
         d, rest = np.asarray(chart.direction), field.panels.middle
-        local = (np.asarray(contact.place)[0] - np.asarray(chart.origin)) @ np.asarray(chart.axes).T
+        local = coordinates(chart, contact)
         x, y = np.asarray(self.pose.pose().on_array(jnp.asarray(local)))
         placed = np.column_stack([rest[:, :2], -(moved @ d) - face_height(parts, d)])
         under = np.hypot(rest[:, 0] - x, rest[:, 1] - y) < part.radius

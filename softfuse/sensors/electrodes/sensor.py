@@ -35,7 +35,8 @@ from softfuse.sensors.electrodes.detector import (
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.true_contact import TrueContact
 
-# Of virtual electrodes: counts at rest and by how much they differ, signal in contact and its bound, distance in
+# Of virtual electrodes: counts at rest and by how much they differ, signal in contact and its bound, distance
+# in
 # which it falls to 1/e in widths of an electrode.
 _REST, _REST_BOUND, _CONTACT, _CONTACT_BOUND = 16000.0, 3000.0, 3000.0, 0.15
 _REACH = 1.0 / np.pi
@@ -44,7 +45,9 @@ _STEPS = 3
 
 
 class ElectrodesState(eqx.Module):
-    """Memory between frames: of the electrodes, which of them are the contacts (c,), and whether these press (c,)."""
+    """Memory between frames: of the electrodes, which of them are the contacts (c,), and whether these press
+    (c,).
+    """
 
     detector: ElectrodeState
     places: Int[Array, " c"]
@@ -59,7 +62,9 @@ class _Seen(NamedTuple):
 
 
 class SingleElectrodes(AbstractContactSensor):
-    """n electrodes at `places` (n, 3, 3), with the covariance (n, 2, 2) [m²] of where on them a contact presses."""
+    """n electrodes at `places` (n, 3, 3), with the covariance (n, 2, 2) [m²] of where on them a contact
+    presses.
+    """
 
     name: str = eqx.field(static=True)
     channels: tuple[str, ...] = eqx.field(static=True)
@@ -101,7 +106,8 @@ class SingleElectrodes(AbstractContactSensor):
 
 
 class ElectrodePlace(Settings):
-    """An electrode on the surface: its middle (3,) m, the direction (3,) from there into the body, and its size.
+    """An electrode on the surface: its middle (3,) m, the direction (3,) from there into the body, and its
+    size.
 
     size in m: along the direction `along` (3,), and across it; `along` None: whichever axis is most across.
     """
@@ -204,11 +210,12 @@ class ElectrodeSettings(CountsSettings):
         return np.concatenate([electrode.points() for electrode in self.electrodes])
 
     def signal(self, parts, contacts: Sequence[TrueContact], moved: Float[np.ndarray, "m 3"]):
-        """Nearness (e,), 1 where an electrode lies wholly on what touches: Σ exp(−d/ℓ), averaged over its points.
+        """Nearness (e,), 1 where an electrode lies wholly on what touches: Σ exp(−d/ℓ), averaged over its
+        points.
 
-        d is their distance from the surface of a cylinder or ball that stands where it touches now. The field of a
-        strip of width w decays like that, ℓ = w/π (Laplace's equation between two zeros w apart). In contact d = 0:
-        no force is in it.
+        d is their distance from the surface of a cylinder or ball that stands where it touches now. The field
+        of a strip of width w decays like that, ℓ = w/π (Laplace's equation between two zeros w apart). In
+        contact d = 0: no force is in it.
         """
         points = np.asarray(moved).reshape(len(self.electrodes), -1, 3)
         reach = _REACH * np.array([max(electrode.size) for electrode in self.electrodes])[:, None]

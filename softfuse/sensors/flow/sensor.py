@@ -1,9 +1,9 @@
 """Flow sensors on the vents of chambers: the volume that has been squeezed out.
 
-Parts (data sheets): OMRON D6F-P0001A1: 0.5 V at zero flow, 20 V per L/min, linear up to 2.5 V, and flow into the
-chamber reads below and clips at 0 V. Sensirion SFM3000: 16 bits, (counts − 32000) / 140 standard litres of air per
-minute, up to ±200. Noise, zero and their drift of the former are those of recordings; of the latter they follow
-from the sheet's 0.05 L/min of noise.
+Parts (data sheets): OMRON D6F-P0001A1: 0.5 V at zero flow, 20 V per L/min, linear up to 2.5 V, and flow into
+the chamber reads below and clips at 0 V. Sensirion SFM3000: 16 bits, (counts − 32000) / 140 standard litres
+of air per minute, up to ±200. Noise, zero and their drift of the former are those of recordings; of the
+latter they follow from the sheet's 0.05 L/min of noise.
 """
 
 from types import MappingProxyType
@@ -75,7 +75,8 @@ _PARTS = MappingProxyType(
     }
 )
 
-# Of virtual parts: bounds of zeros and of a slow wander in parts of `bias_sigma`, time of that wander, bound of
+# Of virtual parts: bounds of zeros and of a slow wander in parts of `bias_sigma`, time of that wander, bound
+# of
 # gains.
 _ZERO_BOUND, _SLOW_SIGMA, _SLOW_TIME_S, _GAIN_BOUND = 0.6, 0.08, 1800.0, 0.01
 
@@ -128,11 +129,12 @@ class Flow(AbstractSensor):
 class FlowSettings(SensorSettings):
     """Flow sensors on vented chambers, one channel for each; keys left out are those of the `part`.
 
-    output: what channels carry, "volts" or "counts"; zero, low, high, noise, bias_sigma, wander_sigma, lost_sigma,
-    full_scale in its unit, sensitivity per flow, bias_walk per √s, times in s: see `flow.filter`. gain [-]: what is
-    measured over what flows, one value or one for each chamber. bits, full_scale: of the converter. noise,
-    wander_sigma and wander_time are read off the structure function (half the mean square difference over a lag) of
-    a few minutes of readings at rest: its value at short lags, its rise and the lag at which it has risen by 63 %.
+    output: what channels carry, "volts" or "counts"; zero, low, high, noise, bias_sigma, wander_sigma,
+    lost_sigma, full_scale in its unit, sensitivity per flow, bias_walk per √s, times in s: see `flow.filter`.
+    gain [-]: what is measured over what flows, one value or one for each chamber. bits, full_scale: of the
+    converter. noise, wander_sigma and wander_time are read off the structure function (half the mean square
+    difference over a lag) of a few minutes of readings at rest: its value at short lags, its rise and the lag
+    at which it has risen by 63 %.
     """
 
     type: Literal["flow"] = "flow"

@@ -1,8 +1,8 @@
 """A grid of mutual capacitances under a flat face: several contacts, conducting or not, by its image.
 
-Each touch of the grid that has a contact slot is a contact; of those that touch at once, the first keep theirs
-(`slots`). Gas tells in turn what an image hardly can: without flow out of the chambers nothing presses harder, so
-that what seems to has gone.
+Each touch of the grid that has a contact slot is a contact; of those that touch at once, the first keep
+theirs (`slots`). Gas tells in turn what an image hardly can: without flow out of the chambers nothing presses
+harder, so that what seems to has gone.
 """
 
 from typing import NamedTuple
@@ -35,7 +35,7 @@ class GridReading(eqx.Module):
 
 
 class GridState(eqx.Module):
-    """Memory between frames: of the grid, of the slots (n,), and where their contacts were last (n, 2) [m]."""
+    """Memory between frames: of the grid, of the slots (n,), and where their contacts were (n, 2) [m]."""
 
     grid: MutualState
     slots: ContactSlots
@@ -53,8 +53,8 @@ class _Seen(NamedTuple):
 class MutualElectrodes(AbstractContactSensor):
     """The grid in the chart of the contact that it sees.
 
-    `low_m`, `high_m` (2,): where middles of contacts may be [m], in which places are taken to be as far as images
-    allow.
+    `low_m`, `high_m` (2,): where middles of contacts may be [m], in which places are taken to be as far as
+    images allow.
     """
 
     name: str = eqx.field(static=True)

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import model_validator
 
-from softfuse.functional.chart import FlatChart
 from softfuse.io.quantity import (
     Number,
     PositiveInteger,
@@ -26,9 +25,10 @@ from softfuse.sensors.mutual.grid import MutualGrid
 from softfuse.sensors.mutual.model import MutualModel, mean_pitch
 from softfuse.sensors.mutual.sensor import MutualElectrodes
 from softfuse.sensors.mutual.touch_tracks import MOST_TRACKS, TouchFollower
-from softfuse.sensors.true_contact import TrueContact
+from softfuse.sensors.true_contact import TrueContact, coordinates, flat_chart
 
-# Of virtual cells: counts at rest and by how much they differ, spread of gains, drift of all and of each after one
+# Of virtual cells: counts at rest and by how much they differ, spread of gains, drift of all and of each
+# after one
 # second, and over which time no further.
 _REST, _REST_BOUND, _GAIN_SIGMA = 16000.0, 1500.0, 0.03
 _DRIFT, _OWN_DRIFT, _DRIFT_TIME_S = 5.0, 2.0, 300.0
@@ -145,8 +145,8 @@ class MutualTouchSettings(Settings):
 class MutualSettings(CountsSettings):
     """A grid of 4 × 4 mutual capacitances where rows cross columns, under the flat face of a [[contact]].
 
-    row_y, column_x: their centre lines in the chart of the contact in m; channels: one column per cell, row by row,
-    in each row along x. touches: things followed at once, near ones too.
+    row_y, column_x: their centre lines in the chart of the contact in m; channels: one column per cell, row
+    by row, in each row along x. touches: things followed at once, near ones too.
     """
 
     type: Literal["mutual-4x4"] = "mutual-4x4"
@@ -204,15 +204,16 @@ class MutualSettings(CountsSettings):
         )
 
     def sensor(self, parts):
-        """Raises ConfigError for a contact that there is not, that presses on no flat face, or in too many slots."""
+        """Raises ConfigError for a contact that there is not, that presses on no flat face, or in too many
+        slots.
+        """
         part = parts.contact_of(self.name, self.contact)
-        if not isinstance(part.chart, FlatChart):
-            raise self._wrong(f'a grid lies under a flat face, contact "{self.contact}" is on none')
+        chart = flat_chart(parts, self.name, self.contact)
         if part.slots > self.touches:
             raise self._wrong(f"{part.slots} contacts at once, but only {self.touches} touches are followed")
         low, high = jnp.asarray(part.low, float), jnp.asarray(part.high, float)
         return MutualElectrodes(
-            self.name, self.channels, self.contact, part.slots, self.grid(), part.chart, low, high
+            self.name, self.channels, self.contact, part.slots, self.grid(), chart, low, high
         )
 
     def functional(self, parts):
@@ -229,14 +230,14 @@ class MutualSettings(CountsSettings):
     def signal(self, parts, contacts: Sequence[TrueContact], moved: Float[np.ndarray, "m 3"]):
         """Changes (e,) of the cells relative to those at rest.
 
-        They take from a press its force alone, which squeezes their layers. Not modelled: that a punch presses
-        hardest at its rim, its wall, and electrodes that are bent with the surface.
+        They take from a press its force alone, which squeezes their layers. Not modelled: that a punch
+        presses hardest at its rim, its wall, and electrodes that are bent with the surface.
         """
         del moved
-        chart = parts.contact_of(self.name, self.contact).chart
+        chart = flat_chart(parts, self.name, self.contact)
         things = []
         for contact in contacts:
-            x, y = (np.asarray(contact.place)[0] - np.asarray(chart.origin)) @ np.asarray(chart.axes).T
+            x, y = coordinates(chart, contact)
             distance = max(contact.gap, 0.0)
             things.append(Thing((float(x), float(y)), distance, contact.force, contact.radius))
         return self._field.with_crosstalk(self._field.change(things)).T.ravel()
@@ -247,7 +248,7 @@ class MutualSettings(CountsSettings):
         return _REST * (1.0 + np.asarray(values))
 
     def electronics(self, parts, rng):
-        """Cells that differ in reading at rest and gain, and drift each on its own, by what all and each do."""
+        """Cells that differ in reading at rest and gain, and drift, by what all and each do."""
         del parts
         count = len(self.channels)
         rest = _REST + rng.uniform(-_REST_BOUND, _REST_BOUND, count)

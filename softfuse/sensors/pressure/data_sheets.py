@@ -2,12 +2,15 @@
 
     output = R (slope P + offset)
 
-* NXP MPX and MPXV, 5 V ratiometric (Freescale and NXP data sheets MPX4115A, MPX4250A, MPX5010 to MPX5700, MPXV5004G,
-  MPXV7002, MPXV7007): slope per kPa and offset as in their transfer functions, errors of 2.5 % of full scale, of
-  6.25 % for the two most sensitive without taking a zero.
-* Honeywell ABP and SSC (data sheets 32305128 and 32332532): 10 to 90 % of the supply, or of 2^14 codes, over the
+* NXP MPX and MPXV, 5 V ratiometric (Freescale and NXP data sheets MPX4115A, MPX4250A, MPX5010 to MPX5700,
+MPXV5004G,
+  MPXV7002, MPXV7007): slope per kPa and offset as in their transfer functions, errors of 2.5 % of full scale,
+  of 6.25 % for the two most sensitive without taking a zero.
+* Honeywell ABP and SSC (data sheets 32305128 and 32332532): 10 to 90 % of the supply, or of 2^14 codes, over
+the
   `range` of the part, which has to be given; within 1.5 % and 2 % of full scale.
-* Barometers: Bosch BMP280 (BST-BMP280-DS001), BMP388 (BST-BMP388-DS001) and TE MS5611 (MS5611-01BA03) put out Pa
+* Barometers: Bosch BMP280 (BST-BMP280-DS001), BMP388 (BST-BMP388-DS001) and TE MS5611 (MS5611-01BA03) put out
+Pa
   once the driver has compensated them, ST LPS22HB (DocID027083) 4096 codes per hPa; within 1 to 2.5 hPa.
 """
 

@@ -2,9 +2,9 @@
 
     raw = R (gain P + offset),   p = P - zero.
 
-The reference R is the supply [V] of a ratiometric part, 1 V of another with a voltage, the number of codes of a
-digital one (`sensor`). Parts are some per cent of full scale off, so every channel is tared (tare.py). p [Pa] is
-positive in a squeezed cavity. Escaping gas is looked for by leak.py.
+The reference R is the supply [V] of a ratiometric part, 1 V of another with a voltage, the number of codes of
+a digital one (`sensor`). Parts are some per cent of full scale off, so every channel is tared (tare.py). p
+[Pa] is positive in a squeezed cavity. Escaping gas is looked for by leak.py.
 
 Which part: one that reads from 0 up (over the atmosphere, or between its ports) says nothing of a stretched
 cavity, and a bent finger stretches half of its cavities: these are then out of range, not at zero.

@@ -1,12 +1,12 @@
 """Pressure sensors on chambers: the gauge pressure of gas that is sealed in, or to which a chamber is driven.
 
-A part with an absolute, gauge or differential output, ratiometric or not, in volts or digital, is a straight line
-between pressure and output; `data_sheets` holds the lines of common parts. What is measured is averaged over
-`average` by an exponential mean, which leaves σ √(dt / 2τ) of the noise and lags τ behind: shapes are slow, noise
-is not. To the noise of the pressures comes the error of the modelled ones: a part `model_error` of the largest
-change among all chambers, for what the model misses of one way of bending is seen in every chamber. While something
-is near, changes count from the last frame before: what the model misses of the shape before is known
-(`estimation.model_offset`).
+A part with an absolute, gauge or differential output, ratiometric or not, in volts or digital, is a straight
+line between pressure and output; `data_sheets` holds the lines of common parts. What is measured is averaged
+over `average` by an exponential mean, which leaves σ √(dt / 2τ) of the noise and lags τ behind: shapes are
+slow, noise is not. To the noise of the pressures comes the error of the modelled ones: a part `model_error`
+of the largest change among all chambers, for what the model misses of one way of bending is seen in every
+chamber. While something is near, changes count from the last frame before: what the model misses of the shape
+before is known (`estimation.model_offset`).
 """
 
 from typing import Annotated, Any, Literal, Self
@@ -44,13 +44,14 @@ from softfuse.sensors.pressure.filter import (
     pressure_init,
     pressure_update,
 )
-from softfuse.sensors.pressure.leak import LeakTest
+from softfuse.sensors.pressure.leak import LeakSettings
 from softfuse.sensors.tare import Tare
 from softfuse.sensors.transfer import PositiveRaw, Raw, of_part
 
 _SLOPE = Dimension("an output per pressure", "Pa^-1", "0.009 kPa^-1")
 
-# Of virtual parts: bound of zeros in parts of `error`, spread of gains in parts of `gain_sigma`, drift of the gas
+# Of virtual parts: bound of zeros in parts of `error`, spread of gains in parts of `gain_sigma`, drift of the
+# gas
 # in parts of the tare's, and how long it drifts one way.
 _ZERO_BOUND, _GAIN_SIGMA, _DRIFT, _DRIFT_TIME_S = 1.0, 0.5, 0.1, 600.0
 
@@ -58,8 +59,8 @@ _ZERO_BOUND, _GAIN_SIGMA, _DRIFT, _DRIFT_TIME_S = 1.0, 0.5, 0.1, 600.0
 class TareSettings(Settings):
     """How zeros are taken: standard deviations in Pa and Pa/s, times in s, a limit in standard deviations.
 
-    offset_sigma: of the zero beforehand, None: the part's error. 2 Pa/s of drift is sealed gas that warms up by 0.35
-    K a minute.
+    offset_sigma: of the zero beforehand, None: the part's error. 2 Pa/s of drift is sealed gas that warms up
+    by 0.35 K a minute.
     """
 
     offset_sigma: PositivePressure | None = None
@@ -82,44 +83,6 @@ class TareSettings(Settings):
         )
 
 
-class LeakSettings(Settings):
-    """When gas escapes: time constants in s of the slowest leak that matters and of the fastest to expect.
-
-    sigma: evidence in standard deviations; window, memory in s; repeat, unknown in Pa, drift in Pa/s. 5 Pa/s is
-    sealed gas that a hand warms by 0.9 K a minute. With readings of 44 Pa noise at 100 Hz, one press shows a leak
-    of τ = 30 s if it holds 2.1 kPa for 3 s (s = 32 Pa), or 1 kPa for ever: drift d and leak cannot be told apart
-    when d > (θ − θ0) p / sigma.
-    """
-
-    slowest: PositiveTime = 120.0
-    fastest: PositiveTime = 1.0
-    sigma: PositiveNumber = 5.0
-    window: PositiveTime = 0.5
-    repeat: PositivePressure = 20.0
-    drift: Annotated[PressureRate, Ge(0)] = 5.0
-    unknown: PositivePressure = 5e3
-    memory: PositiveTime = 60.0
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.fastest >= self.slowest:
-            raise wrong_value(f"must be below slowest = {self.slowest:g} s", key="fastest")
-        return self
-
-    def test(self) -> LeakTest:
-        """The leak test."""
-        return LeakTest(
-            tolerated_1_s=jnp.asarray(1.0 / self.slowest, float),
-            sigma=jnp.asarray(self.sigma, float),
-            window_s=jnp.asarray(self.window, float),
-            repeat_Pa=jnp.asarray(self.repeat, float),
-            drift_Pa_s=jnp.asarray(self.drift, float),
-            unknown_Pa=jnp.asarray(self.unknown, float),
-            memory_s=jnp.asarray(self.memory, float),
-            prior_1_s=jnp.asarray(1.0 / self.fastest, float),
-        )
-
-
 class GasState(eqx.Module):
     """Memory between frames: of the sensors, of their means (k,) [Pa], and of these when nothing was near."""
 
@@ -132,9 +95,10 @@ class GasState(eqx.Module):
 class GaugePressure(AbstractSensor):
     """Pressure sensors with one set of constants, on k chambers.
 
-    `gain` (k,) [-]: measured over modelled pressures; `model_error` [-], `average_s` [s]: see above; `sealed` (k,):
-    the gas does not escape, so that its pressure tells the volume, of chamber and dead volume `volume_m3` (k,) under
-    `atmosphere_Pa` (k,) with the exponent (k,); `supplied`: the last channel is the reference.
+    `gain` (k,) [-]: measured over modelled pressures; `model_error` [-], `average_s` [s]: see above; `sealed`
+    (k,): the gas does not escape, so that its pressure tells the volume, of chamber and dead volume
+    `volume_m3` (k,) under `atmosphere_Pa` (k,) with the exponent (k,); `supplied`: the last channel is the
+    reference.
     """
 
     name: str = eqx.field(static=True)
@@ -176,7 +140,9 @@ class GaugePressure(AbstractSensor):
         return jnp.any(jnp.abs(excess) > self.filter.tare.gate_sigma)
 
     def update(self, state, frame, raw, context):
-        """Raw readings, and the reference as the last of them where it is measured; `details`: PressureReading."""
+        """Raw readings, and the reference as the last of them where it is measured; `details`:
+        PressureReading.
+        """
         k = len(self.tapped)
         reference = raw[k] if self.supplied else jnp.asarray(jnp.nan)
         later, seen = pressure_update(
@@ -246,16 +212,17 @@ def _ascending(values: tuple[float, float]) -> tuple[float, float]:
 
 
 class PressureSettings(SensorSettings):
-    """Pressure sensors on sealed or pressurised chambers, one channel for each; keys left out are the `part`'s.
+    """Pressure sensors on sealed or pressurised chambers, one channel for each; keys left out are the
+    `part`'s.
 
-    output: what channels carry, "volts" or "counts" (or Pa of a digital part); output = reference · (slope P +
-    offset), or from `share` of the reference at the low end of the `range` in Pa to that at its high end. reference:
-    the nominal supply of a `ratiometric` part, with reference_channel if it is measured, and reference_range in which
-    the part works; 1 V of another, or the number of codes. absolute: against vacuum. low, high: readings at or
-    beyond are clipped; noise of a reading; error of the zero in parts of the range; bits, full_scale of the
-    converter. gain [-]: what is measured over what the model says, one value or one for each chamber; gain_sigma:
-    relative error of each part; model_error: part of the largest change of a pressure by which every modelled one may
-    be wrong. average: time constant in s; hold_off in s.
+    output: what channels carry, "volts" or "counts" (or Pa of a digital part); output = reference · (slope P
+    + offset), or from `share` of the reference at the low end of the `range` in Pa to that at its high end.
+    reference: the nominal supply of a `ratiometric` part, with reference_channel if it is measured, and
+    reference_range in which the part works; 1 V of another, or the number of codes. absolute: against vacuum.
+    low, high: readings at or beyond are clipped; noise of a reading; error of the zero in parts of the range;
+    bits, full_scale of the converter. gain [-]: what is measured over what the model says, one value or one
+    for each chamber; gain_sigma: relative error of each part; model_error: part of the largest change of a
+    pressure by which every modelled one may be wrong. average: time constant in s; hold_off in s.
     """
 
     type: Literal["pressure"] = "pressure"
