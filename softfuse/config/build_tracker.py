@@ -45,7 +45,8 @@ def _pad_senses(config: DeviceConfig) -> PadSenses:
         )
     workspace = config.contact.workspace
     low_high = jnp.stack([jnp.asarray(workspace.x), jnp.asarray(workspace.y)], axis=1)
-    return PadSenses(sensors, low_high, _LOCATE[config.sensors.capacitive.location], config.sensors.capacitive.pose.pose())
+    lines = config.sensors.capacitive
+    return PadSenses(sensors, low_high, _LOCATE[lines.location], lines.pose.pose())
 
 
 def _finger_senses(config: DeviceConfig) -> FingerSenses:
