@@ -1,4 +1,6 @@
-"""The suite says the same as the three combinations of sensors that it stands for, on recordings, also damaged."""
+"""The suite says the same as the three combinations of sensors that it stands for, on recordings, also
+damaged.
+"""
 
 from pathlib import Path
 from typing import Any
