@@ -71,7 +71,7 @@ def places_of(device: Device, series: Series) -> Array:
 def outcomes(device: Device, series: Series) -> Iterator[Outcome]:
     """How the cases of a series end on a device of these moduli and cables, one by one.
 
-    Each is searched from the last one that converged, the first from rest.
+    Each is searched from the last one that was found, the first from rest.
     """
     places = places_of(device, series)
     if isinstance(device.contact, PunchContact) and float(_least_overlap(device, places)) < 1.0:
@@ -83,15 +83,15 @@ def outcomes(device: Device, series: Series) -> Iterator[Outcome]:
         solution = simulate(device, places, jnp.asarray(drive), at)
         reading, largest = _measured(device, solution.state)
         name = result_name(solution.result)
-        converged = name == "converged"
-        at = solution.state if converged else at
+        found = solution.success
+        at = solution.state if found else at
         yield Outcome(
             name,
             int(solution.stats.newton_iterations),
             int(solution.stats.load_steps),
             float(solution.stats.residual),
-            np.asarray(reading) if converged else np.full(device.readings, np.nan),
-            float(largest) if converged else np.nan,
+            np.asarray(reading) if found else np.full(device.readings, np.nan),
+            float(largest) if found else np.nan,
         )
 
 
