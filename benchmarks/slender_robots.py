@@ -1,4 +1,4 @@
-"""How long equilibria of soft slender robots take: a pneumatic finger under its own weight, tendon-driven trunks.
+"""How long equilibria of soft slender robots take: a pneumatic finger that sags, trunks pulled by cables.
 
     .venv/bin/python benchmarks/slender_robots.py ROBOTS [--beside CHECKOUT] [--only CASE ...] [--json FILE]
 
@@ -55,7 +55,8 @@ def tapered(folder: Path) -> None:
     height = np.linspace(0.0, LENGTH, RINGS)
     radius = ROOT + (TIP - ROOT) * height / LENGTH
     ring = np.stack([np.cos(around), np.sin(around)], axis=1)
-    side = np.concatenate([np.column_stack([r * ring, np.full(SIDES, z)]) for r, z in zip(radius, height)])
+    rings = zip(radius, height, strict=True)
+    side = np.concatenate([np.column_stack([r * ring, np.full(SIDES, z)]) for r, z in rings])
     nodes = np.concatenate([side, [[0, 0, 0], [0, 0, LENGTH]]])
     k, after = np.arange(SIDES), (np.arange(SIDES) + 1) % SIDES
     faces = [np.stack([np.full(SIDES, len(side)), after, k], axis=1)]

@@ -16,10 +16,10 @@ from softfuse.cli.trial import AbstractTrial, Asked
 from softfuse.config import load
 from softfuse.config.build_device import build_device
 from softfuse.config.build_mesh import build_mesh
-from softfuse.mechanics.punch import PunchContact
-from softfuse.mechanics.solution import RESULTS, read_state, result_name
 from softfuse.errors import SolveError
 from softfuse.estimation.device import simulate as equilibrium_under
+from softfuse.mechanics.punch import PunchContact
+from softfuse.mechanics.solution import RESULTS, read_state, result_name
 from softfuse.mesh.files import write_mesh
 
 log = logging.getLogger(__name__)

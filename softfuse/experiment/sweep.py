@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from softfuse.estimation.device import Device, simulate
 from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.solution import State, result_name
-from softfuse.estimation.device import Device, simulate
 
 OVERHANGS = "overhangs"
 """The result of a case in which a disc does not stand on the body with all of its face: nothing is solved."""

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from softfuse.body import QUADRATIC, Body, mesh_for
+from softfuse.material import NeoHookean
 from softfuse.mechanics import (
     RESULTS,
     LinearPorts,
@@ -27,7 +28,6 @@ from softfuse.mechanics import (
     solve,
 )
 from softfuse.mechanics.sparse import SparseLU
-from softfuse.material import NeoHookean
 
 pytestmark = pytest.mark.slow
 
@@ -75,12 +75,14 @@ def dome(box) -> Dome:
 def limit(dome: Dome) -> float:
     """The largest force [N] on the way down, by a parabola through the three largest."""
     state, forces = None, []
-    depths = np.linspace(0.0, 0.8 * RISE, 41)[1:]
+    depths = np.linspace(0.0, 1.6 * RISE, 49)[1:]
     for depth in depths:
         found = dome.push(depth, state)
         assert found.result == RESULTS.converged
         state = found.state
         forces.append(float(state.force[0]))
+        if len(forces) > 1 and forces[-1] < forces[-2]:
+            break
     k = int(np.argmax(forces))
     assert 0 < k < len(forces) - 1
     a, b, c = np.polyfit(depths[k - 1 : k + 2] - depths[k], forces[k - 1 : k + 2], 2)
@@ -92,8 +94,7 @@ def test_a_load_beyond_the_limit_is_found_after_the_snap(dome: Dome, limit: floa
     found = dome.press(beyond * limit)
     assert found.result == RESULTS.snapped and found.success and int(found.stats.snaps) == 1
     assert float(found.stats.reached) == 1.0
-    depth = float(jnp.max(jnp.abs(found.state.z)))
-    assert depth > 1.5 * RISE  # the crown hangs through
+    assert float(dome.rows[:, 0] @ found.state.z) > 1.5 * RISE  # the crown hangs through
     again = dome.press(1.01 * beyond * limit, found.state)
     assert again.result == RESULTS.converged
     # The crown held where it came to lie takes the same force: the state is that of the other path.
@@ -106,4 +107,4 @@ def test_a_load_beyond_the_limit_is_found_after_the_snap(dome: Dome, limit: floa
 def test_below_the_limit_nothing_is_told(dome: Dome, limit: float) -> None:
     found = dome.press(0.995 * limit)
     assert found.result == RESULTS.converged and float(found.state.drive[0]) == 0.995 * limit
-    assert float(jnp.max(jnp.abs(found.state.z))) < 0.8 * RISE
+    assert float(dome.rows[:, 0] @ found.state.z) < 1.2 * RISE
