@@ -100,7 +100,8 @@ def timed(checkout: Path, config: Path, given: tuple[str, ...], cache: Path) -> 
     ended = subprocess.run(
         [sys.executable, "-m", "softfuse", "simulate", config, *given, "--quiet", "--json", numbers],
         env={**os.environ, "PYTHONPATH": str(checkout), "JAX_COMPILATION_CACHE_DIR": str(cache)},
-        capture_output=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
         text=True,
         check=False,
     )
@@ -110,7 +111,7 @@ def timed(checkout: Path, config: Path, given: tuple[str, ...], cache: Path) -> 
         "wall_s": time.perf_counter() - begin,
         "cpu_s": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
         "iterations": found.get("newton_iterations"),
-        "result": found.get("result", ended.stderr.strip().splitlines()[-1:]),
+        "result": found.get("result", f"failed: {ended.stderr}"),
         "bend_deg": found.get("tip_bend_deg"),
         "dof": found.get("dof"),
     }
