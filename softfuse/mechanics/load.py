@@ -165,7 +165,7 @@ class Sizes(eqx.Module):
 
 
 def _cut(counts: list[int], vector: Array) -> list[Array]:
-    return jnp.split(vector, np.cumsum(counts)[:-1])[: len(counts)]
+    return jnp.split(vector, np.cumsum(counts, dtype=int)[:-1])[: len(counts)]
 
 
 def _joined(parts: list[Array]) -> Array:

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from softfuse.errors import ConfigError
-from softfuse.estimation.observability import Observability, observability, response
 from softfuse.estimation.doubts import TrackerSettings
+from softfuse.estimation.observability import Observability, observability, response
 from softfuse.functional.workspace import FlatWorkspace
 from softfuse.report.observability_figures import maps, spots
 from softfuse.report.page import page, picture, table
