@@ -218,7 +218,7 @@ class SensorSuite(eqx.Module):
         chambers = len(self._chambers)
         return SuiteState(
             clock_init(),
-            jnp.full((), jnp.inf),
+            jnp.full((), jnp.inf, float),
             tuple(each.init() for each in self.sensors),
             tuple(each.init() for each in self.contact_sensors),
             pneumatic_init(),
@@ -246,7 +246,7 @@ class SensorSuite(eqx.Module):
         near = _any([touch.near for touch in touches])
         pneumatic = state.pneumatic
         if self._missed is not None:
-            pneumatic = pneumatic_update(self.pneumatic, pneumatic, dt, hint, state.volume, near)
+            pneumatic = pneumatic_update(self.pneumatic, pneumatic, frame.dt_s, hint, state.volume, near)
         unseen = pneumatic.touching
         clear = ~_any([~touch.clear for touch in touches]) & ~unseen
         begun = jnp.minimum(state.begun_s, jnp.where(frame.forward, frame.now_s, jnp.inf))
