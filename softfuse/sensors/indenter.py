@@ -44,7 +44,7 @@ class Indenter(AbstractContactSensor):
 
     def init(self):
         """Nothing touches: touching, and the last reading (3,)."""
-        return jnp.asarray(False), jnp.full(3, jnp.nan)
+        return jnp.asarray(False), jnp.full(3, jnp.nan, float)
 
     def touch(self, state, frame, raw, hint):
         """By the force; what is not read stays as it was."""

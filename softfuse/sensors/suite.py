@@ -179,7 +179,7 @@ class SensorSuite(eqx.Module):
         chambers = len(self._chambers)
         return SuiteState(
             clock_init(),
-            jnp.full((), jnp.inf),
+            jnp.full((), jnp.inf, float),
             tuple(each.init() for each in self.sensors),
             tuple(each.init() for each in self.contact_sensors),
             pneumatic_init(),
