@@ -69,14 +69,15 @@ class Phases:
 def through_api(given: argparse.Namespace) -> None:
     """The phases of the Python API in this process."""
     phases = Phases()
-    from softfuse.computing import prepare_jax
     from softfuse.cli.recorded import sensor_columns, sensor_frames
-    from softfuse.robot.file import load
     from softfuse.config.build_device import build_device
+    from softfuse.config.build_tracker import build_tracker
+
+    from softfuse.computing import prepare_jax
+    from softfuse.hardware.recording import read_recording
+    from softfuse.robot.file import load
     from softfuse.robot.mesh import build_mesh
     from softfuse.robot.reduced import with_charts
-    from softfuse.config.build_tracker import build_tracker
-    from softfuse.hardware.recording import read_recording
 
     prepare_jax()
     phases.end("import")

@@ -23,15 +23,15 @@ from tempfile import TemporaryDirectory
 import cma
 import numpy as np
 from scipy.optimize import minimize
+from softfuse.config.build_device import build_device
 
 from softfuse.computing import prepare_jax
-from softfuse.robot.file import load
-from softfuse.design.of_robot import build_limits, build_problem, finer_config
-from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import build_mesh
-from softfuse.design.plan import load_design
 from softfuse.design.limits import room, room_slopes
+from softfuse.design.of_robot import build_limits, build_problem, finer_config
+from softfuse.design.plan import load_design
 from softfuse.design.problem import Geometry, MeshedProblem, Problem
+from softfuse.robot.file import load
+from softfuse.robot.mesh import build_mesh
 
 _KEPT = 1e-3
 """By how many parts of a limit, or millimetres of wall, a layout may miss these."""

@@ -31,18 +31,18 @@ from typing import Any
 
 import numpy as np
 from resident import resident_mb
+from softfuse.cli.live_parts import Estimating, estimating
 
 from softfuse.computing import prepare_jax
-from softfuse.cli.live_parts import Estimating, estimating
-from softfuse.hardware.source.configured import connection_of, driver_of
-from softfuse.robot.file import load
-from softfuse.robot.source import SoftfuseSource
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.live.session import Session, SessionReport
 from softfuse.hardware.record.entries import SessionInfo, SourceInfo
 from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.hardware.stream import HostClock, Notice
+from softfuse.robot.file import load
+from softfuse.robot.source import SoftfuseSource
 
 _STEPS = 20
 Memory = list[tuple[float, float]]

@@ -17,11 +17,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from pad_meshes import CONFIG, pad_on
-
-from softfuse.robot.file import load
 from softfuse.config.build_device import build_device, with_contact_model
+
 from softfuse.functional.chart import facing
 from softfuse.mechanics.model import simulate
+from softfuse.robot.file import load
 
 DATA = CONFIG.parents[1] / "tests" / "data"
 

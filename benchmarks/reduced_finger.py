@@ -20,13 +20,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from live_frames import compilations, latencies, to_and_fro, wait_until_compiled
-
-from softfuse.body.body import Body
-from softfuse.computing import prepare_jax
 from softfuse.config import load
 from softfuse.config.build_device import build_device, build_limits, build_step_settings, electrode_places
 from softfuse.config.build_reduction import Teacher, build_regions, reduction_mark
 from softfuse.config.device import DeviceConfig
+
+from softfuse.body.body import Body
+from softfuse.computing import prepare_jax
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.step import Observation
 from softfuse.mechanics.model import Model, simulate

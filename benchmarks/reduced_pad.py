@@ -21,20 +21,20 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 from live_frames import compilations, latencies, to_and_fro
+from softfuse.cli.recorded import sensor_columns, sensor_frames
+from softfuse.config.build_device import build_device, build_limits
+from softfuse.config.build_tracker import build_tracker
 
 from softfuse.computing import prepare_jax
-from softfuse.cli.recorded import sensor_columns, sensor_frames
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device, build_limits
-from softfuse.robot.reduced import with_charts
-from softfuse.config.build_tracker import build_tracker
-from softfuse.robot.settings import RobotSettings
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_estimator import MOST_TRUNCATION, ReducedEstimator
 from softfuse.estimation.step import Observation
 from softfuse.functional.chart import facing
 from softfuse.hardware.recording import read_recording
 from softfuse.mechanics.model import Model, simulate
+from softfuse.robot.file import load
+from softfuse.robot.reduced import with_charts
+from softfuse.robot.settings import RobotSettings
 from softfuse.rom.atlas import Atlas
 from softfuse.rom.cells import Cells
 

@@ -16,20 +16,20 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
+from softfuse.config.build_device import build_device
 
 from softfuse.computing import prepare_jax
-from softfuse.robot.file import load
-from softfuse.robot.settings import RobotSettings
-from softfuse.robot.body import SurfaceSource
 from softfuse.design.of_robot import build_places
-from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import RobotMesh, build_mesh, robot_mesh
 from softfuse.design.plan import DesignPlan, load_design
 from softfuse.estimation.rest_response import rest_response
 from softfuse.functional.cavity import Cavity
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.subdivision import refined
 from softfuse.mesh.surface import cavities, centroid
+from softfuse.robot.body import SurfaceSource
+from softfuse.robot.file import load
+from softfuse.robot.mesh import RobotMesh, build_mesh, robot_mesh
+from softfuse.robot.settings import RobotSettings
 
 
 def refined_mesh(config: RobotSettings, mesh: RobotMesh) -> RobotMesh:

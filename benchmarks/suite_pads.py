@@ -12,13 +12,13 @@ import numpy as np
 from live_frames import compilations
 from pad_meshes import pad_on
 from pytest_benchmark.fixture import BenchmarkFixture
-
-from softfuse.robot.settings import RobotSettings
 from softfuse.config.build_device import build_device, build_limits
+
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
 from softfuse.functional.chart import facing, moved
 from softfuse.mechanics.model import Model, simulate
+from softfuse.robot.settings import RobotSettings
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 MESHES = {

@@ -13,17 +13,17 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from softfuse.cli.recorded import sample_frames, samples_at, sensor_columns, sensor_frames
+from softfuse.config.build_device import build_device
+from softfuse.config.build_tracker import build_tracker
 
 from softfuse.computing import prepare_jax
-from softfuse.cli.recorded import sample_frames, samples_at, sensor_columns, sensor_frames
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device
-from softfuse.robot.reduced import with_charts
-from softfuse.config.build_tracker import build_tracker
-from softfuse.robot.settings import RobotSettings
 from softfuse.estimation.tracked import Frame
 from softfuse.experiment.accuracy import coverage
 from softfuse.hardware.recording import Recording, read_recording
+from softfuse.robot.file import load
+from softfuse.robot.reduced import with_charts
+from softfuse.robot.settings import RobotSettings
 
 
 def blinded(config: RobotSettings, recording: Recording) -> Iterator[Frame]:

@@ -11,11 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from live_frames import wait_until_compiled
-from suite_pads import CONFIGS, MESHES, PLACES, megabytes, pad, press, time_frames
-
 from softfuse.config import load
 from softfuse.config.build_device import build_device, build_limits, build_step_settings, electrode_places
 from softfuse.config.build_reduction import Teacher, build_regions
+from suite_pads import CONFIGS, MESHES, PLACES, megabytes, pad, press, time_frames
+
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.step import Observation, exact_steps
 from softfuse.mechanics.model import simulate

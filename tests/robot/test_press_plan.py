@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.robot.file import load
-from softfuse.robot.press_series import build_series, shortened_cables
-from softfuse.robot.digest import digest
-from softfuse.robot.press_plan import ElectrodePlaces, load_plan
 from softfuse.errors import ConfigError
-from softfuse.robot.press_series import Series
+from softfuse.robot.digest import digest
+from softfuse.robot.file import load
+from softfuse.robot.press_plan import ElectrodePlaces, load_plan
+from softfuse.robot.press_series import Series, build_series, shortened_cables
 
 Write = Callable[..., Path]
 

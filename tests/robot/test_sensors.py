@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from softfuse.config import load
 from softfuse.config.build_mutual import build_mutual_senses
+
 from softfuse.errors import ConfigError
 
 CONFIG = Path(__file__).parents[2] / "configs" / "pad_mutual.toml"
