@@ -1,4 +1,4 @@
-"""The table [recording] of a configuration, and that it reaches the reader of recordings."""
+"""The table [recording] of a settingsuration, and that it reaches the reader of recordings."""
 
 from pathlib import Path
 
@@ -48,13 +48,13 @@ def test_mistakes_are_told(pad_text, tmp_path, table, words):
 
 def test_a_foreign_recording_becomes_frames_of_the_robot(pad_text, tmp_path):
     table = 'time_unit = "ms"\ncolumns = {"Durchfluss 1" = "flow0_V"}\n'
-    config = load(with_recording(pad_text, tmp_path, table))
-    names = ["Durchfluss 1" if name == "flow0_V" else name for name in config.channels]
+    settings = load(with_recording(pad_text, tmp_path, table))
+    names = ["Durchfluss 1" if name == "flow0_V" else name for name in settings.channels]
     lines = [";".join(["uhr", *names]), *(";".join(["x", *["0,5"] * len(names)]) for _ in range(3))]
     path = tmp_path / "r.csv"
     path.write_text("\n".join(lines).replace("uhr", "Zeit").replace("x;", "7;"), encoding="utf-16")
-    recording = read_sensors(config, path)
-    frames = list(sensor_frames(config, recording))
+    recording = read_sensors(settings, path)
+    frames = list(sensor_frames(settings, recording))
     assert len(frames) == 3 and frames[0].time_s == 0.007
     assert all(frame.raw.shape == (len(names),) and np.all(frame.raw == 0.5) for frame in frames)
 
