@@ -200,3 +200,14 @@ def test_two_sensors_do_not_share_a_name_or_a_channel(parts: Parts) -> None:
         SensorSuite.of([settings_of("marker")] * 2, parts)
     with pytest.raises(ConfigError, match='two sensors write in the column "mx"'):
         SensorSuite.of([settings_of("marker"), settings_of("marker", name="other")], parts)
+
+
+@pytest.mark.parametrize("kind", SENSORS)
+def test_memory_keeps_its_types(kind: str, parts: Parts) -> None:
+    """Otherwise a program that goes from frame to frame would be compiled anew for the second one."""
+    suite = SensorSuite.of([settings_of(kind)], parts)
+    first = suite.init()
+    frame = jax.ShapeDtypeStruct((), float), jax.ShapeDtypeStruct((len(suite.channels),), float)
+    later = jax.eval_shape(lambda *given: suite.update(*given)[0], first, *frame)
+    types = [(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(later)]
+    assert types == [(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(first)]
