@@ -17,6 +17,7 @@ from softfuse.mesh.surface import centroid, enclosed_volume
 from softfuse.mesh.tetmesh import linear, tet_mesh, volumes
 from softfuse.robot.file import load
 from softfuse.robot.mesh import build_mesh
+from softfuse.robot.robot import build_robot
 
 Write = Callable[..., Path]
 
@@ -239,4 +240,4 @@ def test_the_example_of_a_robot_from_a_surface_can_be_meshed_and_built() -> None
     (volume,) = (1e9 * float(Cavity.of(each.faces)(nodes)) for each in made.cavities)
     assert 0.9 * above < volume < above
     assert 0.9 * (half - above) < 1e9 * volumes(made.mesh).sum() < half - above + 0.1 * above
-    assert build_device(config, made).body.n_nodes == len(made.mesh.nodes)
+    assert build_robot(config, made).model.body.n_nodes == len(made.mesh.nodes)
