@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
+from softfuse.errors import SolveError
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.linear_solver import AbstractLinearSolver
 from softfuse.mechanics.load import Loads
-from softfuse.errors import SolveError
 from softfuse.rom.reduced_body import ReducedBody
 
 

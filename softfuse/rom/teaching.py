@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.body.body import Body
+from softfuse.errors import SolveError
 from softfuse.mechanics.linear_solver import AbstractLinearSolver
 from softfuse.mechanics.load import Loads
-from softfuse.errors import SolveError
 from softfuse.rom.basis import basis_of
 from softfuse.rom.chart import Chart
 from softfuse.rom.known_inverses import far_apart
