@@ -227,4 +227,3 @@ def test_chambers_come_from_files_and_may_be_open(tmp_path: Path) -> None:
     write_surface(tmp_path / "closed.stl", Shell(*moved))
     with pytest.raises(ConfigError, match=r"chamber: the void of 288 mm³ .* is up to 2 mm off it"):
         build_mesh(load(path))
-
