@@ -1,24 +1,36 @@
-"""Fitted parameters become settings whose device is the fitted one."""
+"""Fitted parameters become settings whose robot is the fitted one."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from softfuse.config.build_device import build_device
 
-from softfuse.calibration.of_robot import build_adjustments, calibrated_edits
+from softfuse.calibration.of_robot import Fitted, build_adjustments, calibrated_edits
 from softfuse.errors import ConfigError
+from softfuse.mechanics.cable import ShortenedCable
 from softfuse.robot.file import load, save_edited
-from softfuse.robot.mesh import build_mesh
+from softfuse.robot.robot import build_robot
 
 Write = Callable[..., Path]
 
-COARSE = (
-    ('surface_size = "12 mm"', 'surface_size = "30 mm"'),
-    ('base_size = "12 mm"', 'base_size = "28 mm"'),
-    ('fine_depth = "3 mm"', 'fine_depth = "0 mm"'),
-)
+
+@pytest.fixture
+def write(coarse: Path, tmp_path: Path) -> Write:
+    """Writes the coarse pad with pieces of its text replaced: write((old, new), ...)."""
+
+    def written(*changes: tuple[str, str]) -> Path:
+        text = coarse.read_text(encoding="utf-8")
+        for old, new in changes:
+            assert text.count(old) == 1
+            text = text.replace(old, new)
+        path = tmp_path / "robot.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return written
+
+
 YEOH = (
     'law = "neo-hookean"\nyoung = "0.6 MPa"                               '
     "# Dragon Skin 30; fit it to presses of known force\npoisson = 0.49",
@@ -35,20 +47,18 @@ STIFF_ONLY = (
 
 
 @pytest.mark.parametrize("changes", [(), (YEOH,), STIFF_ONLY, FIELD])
-def test_the_written_device_is_the_fitted_one(
+def test_the_written_robot_is_the_fitted_one(
     write: Write, tmp_path: Path, changes: tuple[tuple[str, str], ...]
 ) -> None:
-    source, target = write(*COARSE, *changes), tmp_path / "fitted.toml"
-    config = load(source)
-    mesh = build_mesh(config)
-    device = build_device(config, mesh)
-    adjustments = build_adjustments(config, device, mesh)
+    source, target = write(*changes), tmp_path / "fitted.toml"
+    known = Fitted.of(build_robot(load(source)))
+    adjustments = build_adjustments(known)
     value = np.asarray(adjustments.sigma) * np.random.default_rng(4).uniform(
         -0.7, 0.7, len(adjustments.names)
     )
-    fitted = adjustments.adjusted(device, value)
-    after = save_edited(source, target, calibrated_edits(config, device, adjustments, value))
-    again = build_device(after)
+    fitted = adjustments.adjusted(known.model, value)
+    after = save_edited(source, target, calibrated_edits(known, adjustments, value))
+    again = build_robot(after).model
     np.testing.assert_allclose(again.body.rest, fitted.body.rest, atol=1e-9)
     (law,), (expected,) = again.body.materials, fitted.body.materials
     assert type(law) is type(expected)
@@ -59,24 +69,32 @@ def test_the_written_device_is_the_fitted_one(
     else:
         assert np.ptp(fitted.body.factors) > 0.05
         np.testing.assert_allclose(again.body.factors, fitted.body.factors, atol=1e-5)
-    np.testing.assert_allclose(again.contact.disc.compliance, fitted.contact.disc.compliance, rtol=1e-5)
+    (pressed,), (contact,) = again.contacts, fitted.contacts
+    np.testing.assert_allclose(pressed.disc.compliance, contact.disc.compliance, rtol=1e-5)
     gains = [v for name, v in zip(adjustments.names, value, strict=True) if name.endswith("gain")]
-    np.testing.assert_allclose(after.sensors.flow.gain, np.exp(gains), rtol=1e-5)
+    np.testing.assert_allclose(after.sensors[0].gain, np.exp(gains), rtol=1e-5)
 
 
 def test_what_may_not_differ_is_left(write: Write) -> None:
     told = '[calibration]\ncontact_layer = 0\ncavity_growth = "0 mm"\ngain = 0\n[estimator]'
-    config = load(write(*COARSE, ("[estimator]", told)))
-    mesh = build_mesh(config)
-    device = build_device(config, mesh)
-    adjustments = build_adjustments(config, device, mesh)
+    known = Fitted.of(build_robot(load(write(("[estimator]", told)))))
+    adjustments = build_adjustments(known)
     assert len(adjustments.names) == 2 + 12
-    edits = calibrated_edits(config, device, adjustments, np.zeros(14))
+    edits = calibrated_edits(known, adjustments, np.zeros(14))
     assert {key[-1] for key in edits} == {"law", "young", "c1", "c2", "c3", "shift"}
 
 
-def test_cables_of_unknown_length_are_told(write_finger: Write, finger_text: str) -> None:
-    sensor = finger_text[finger_text.index("[sensors.cable]") : finger_text.index("[estimator]")]
-    config = load(write_finger((sensor, "")))
-    with pytest.raises(ConfigError, match="a calibration must know by how much cables are shortened"):
-        build_adjustments(config, None, None)  # what is built does not matter
+def test_cables_are_shortened_as_far_as_that_is_known(linear_finger: Write) -> None:
+    robot = build_robot(load(linear_finger()))
+    known = Fitted.of(robot)
+    assert known.shortened.all() and isinstance(known.model.actuators[0], ShortenedCable)
+    # The gas is read, and the length is not fitted to but prescribed.
+    np.testing.assert_array_equal(known.readings, range(6))
+    assert known.names == robot.suite.readings[:6]
+    sensors = robot.settings.sensors[:2]
+    assert [sensor.name for sensor in sensors] == ["pressure", "electrodes"]
+    blind = build_robot(robot.settings.model_copy(update={"sensors": sensors}), robot.mesh)
+    told = Fitted.of(blind)
+    assert not told.shortened.any() and told.model.actuators[0] is blind.model.actuators[0]
+    with pytest.raises(ConfigError, match="sensor: missing, a calibration fits what they read"):
+        Fitted.of(build_robot(robot.settings.model_copy(update={"sensors": ()}), robot.mesh))
