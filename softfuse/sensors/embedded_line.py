@@ -1,7 +1,8 @@
-"""Lengths of a line in the material between stations: liquid-metal channels, stretch resistors, strain fibres.
+"""Lengths of a line in the material between stations: liquid-metal channels, stretch resistors, strain
+fibres.
 
-A channel of liquid metal keeps its volume, so its resistance is R = R₀ (L/L₀)² (Park, Majidi, Kramer, Bérard and Wood,
-J. Micromech. Microeng. 20 (2010) 125029); a fibre or encoder tells the length itself.
+A channel of liquid metal keeps its volume, so its resistance is R = R₀ (L/L₀)² (Park, Majidi, Kramer, Bérard
+and Wood, J. Micromech. Microeng. 20 (2010) 125029); a fibre or encoder tells the length itself.
 """
 
 from typing import Annotated, Literal, Self
@@ -39,8 +40,9 @@ class LengthOfResistance(AbstractConvert):
 class _LineSettings(DirectSettings):
     """Along `path` (p, 3) m in the material, straight between its points; one channel for each segment.
 
-    stations: numbers of the points between which it is read, in ascending order; without any, from end to end.
-    noise: of a reading, offset_sigma: of the length at rest, drift: of that per second, all relative to the length.
+    stations: numbers of the points between which it is read, in ascending order; without any, from end to
+    end. noise: of a reading, offset_sigma: of the length at rest, drift: of that per second, all relative to
+    the length.
     """
 
     path: Annotated[tuple[Vector, ...], NotEmpty]

@@ -1,6 +1,7 @@
 """A known indenter: a stage or a robot that says where it presses, and a force sensor that says whether.
 
-It is a sensor that sees a contact: the place is as sure as the stage, the touch as the force sensor or the height says.
+It is a sensor that sees a contact: the place is as sure as the stage, the touch as the force sensor or the
+height says.
 """
 
 from typing import Literal, Self
@@ -19,8 +20,8 @@ from softfuse.sensors.electronics import equal_channels
 
 
 class Indenter(AbstractContactSensor):
-    """x, y in `unit_m`, and the force, in the chart of a contact; `on_N`, `off_N`: forces that begin and end a touch;
-    `sigma_m`: of a place; `low_m`, `high_m` (2,) where middles may be [m].
+    """x, y in `unit_m`, and the force, in the chart of a contact; `on_N`, `off_N`: forces that begin and end
+    a touch; `sigma_m`: of a place; `low_m`, `high_m` (2,) where middles may be [m].
     """
 
     name: str = eqx.field(static=True)

@@ -1,7 +1,7 @@
 """A barometer cast into the material: the hydrostatic pressure at a point, as TakkTile sensors read it.
 
-The chip and its cavity concentrate the stress around themselves: `gain` is what is measured over what the material
-alone would have, to be calibrated. The atmosphere and the stress of casting are in the zero.
+The chip and its cavity concentrate the stress around themselves: `gain` is what is measured over what the
+material alone would have, to be calibrated. The atmosphere and the stress of casting are in the zero.
 """
 
 from typing import Annotated, Literal
@@ -30,7 +30,8 @@ _DRIFT_TIME_S = 600.0
 
 
 class PointPressureSettings(DirectSettings):
-    """A barometer at a [[point]], over a ball of `radius` in m; one channel, `unit` of pressure for each one of it.
+    """A barometer at a [[point]], over a ball of `radius` in m; one channel, `unit` of pressure for each one
+    of it.
 
     noise, offset_sigma: of a reading and of its zero in Pa, drift of that per second in Pa/s.
     """

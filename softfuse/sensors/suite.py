@@ -120,7 +120,9 @@ class ContactSlots(eqx.Module):
 
 
 class SuiteState(eqx.Module):
-    """Memory between frames: time and that of the first frame [s], of each sensor, of what only gas tells, and the last volumes."""
+    """Memory between frames: time and that of the first frame [s], of each sensor, of what only gas tells,
+    and the last volumes.
+    """
 
     clock: FrameClock
     begun_s: Float[Array, ""]
@@ -355,7 +357,8 @@ class SensorSuite(eqx.Module):
         )
 
     def _contact(self, number: int, context: Context, evidence: Sequence[Evidence]):
-        """touching, located, allowed, unseen (c,), places (c, 3, 3), sigma (c, 2) of the slots of a contact."""
+        """touching, located, allowed, unseen (c,), places (c, 3, 3), sigma (c, 2) of the slots of a contact.
+        """
         contact = self.contacts[number]
         seen = [evidence[k] for k in contact.seen_by]
         no = jnp.zeros(contact.slots, bool)

@@ -67,7 +67,9 @@ def sampled(poses: Poses, passed: list[tuple[float, str]]) -> tuple[np.ndarray, 
 def measured(time: np.ndarray, reading: np.ndarray, touched: np.ndarray) -> list[Frame]:
     """What the sensors say of readings (n, 7), noise included, while `ELECTRODE` is touched (n,)."""
     rng = np.random.default_rng(0)
-    volts = 5.0 * (0.009 * (101325.0 + reading[:, GAS]) / 1e3 - 0.095) + 2e-4 * rng.normal(size=(len(time), 6))
+    volts = 5.0 * (0.009 * (101325.0 + reading[:, GAS]) / 1e3 - 0.095) + 2e-4 * rng.normal(
+        size=(len(time), 6)
+    )
     counts = 5000.0 + 8.0 * rng.normal(size=(len(time), 12))
     counts[touched, ELECTRODE] += 2000.0
     cable_mm = 1e3 * (reading[:, 6:] + 2e-5 * rng.normal(size=(len(time), 1)))

@@ -1,4 +1,6 @@
-"""Flow sensors and crossed lines together, on two recorded presses with truth and on damaged versions of them."""
+"""Flow sensors and crossed lines together, on two recorded presses with truth and on damaged versions of
+them.
+"""
 
 import equinox as eqx
 import jax

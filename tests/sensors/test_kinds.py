@@ -1,4 +1,6 @@
-"""Every kind of sensor: from true values through its electronics to readings, what is missing, and that all keys count."""
+"""Every kind of sensor: from true values through its electronics to readings, what is missing, and that all
+keys count.
+"""
 
 from typing import Any
 
@@ -51,7 +53,7 @@ def frames(kind: str, parts: Parts, *, seed: int | None):
     if kind == "bragg-gratings":
         true[:, ::3] *= 1e-4  # strains, not curvatures
     ideal = settings.ideal(parts, TIME, true)
-    raw = ideal if seed is None else settings.simulate(parts, TIME, true, [seed])
+    raw = ideal if seed is None else settings.simulate(parts, TIME, true, [seed], [seed, 1])
     pressed = np.stack([0.0 * TIME, 0.0 * TIME, np.where(PRESSED, 1.0, 0.0)], axis=1)
     suite = SensorSuite.of([settings, stage], parts)
     return suite, true, np.concatenate([raw, pressed], axis=1)
@@ -84,8 +86,8 @@ def test_readings_of_real_parts_are_as_sure_as_they_say(kind: str, parts: Parts)
     # And not so unsure that nothing is told.
     if kind not in ("accelerometer", "attitude"):
         assert np.all(seen.sigma[held] < 0.2 * np.abs(true[held]).max())
-    other = settings_of(kind).simulate(parts, TIME, true, [4])
-    again = settings_of(kind).simulate(parts, TIME, true, [3])
+    other = settings_of(kind).simulate(parts, TIME, true, [4], [3, 1])
+    again = settings_of(kind).simulate(parts, TIME, true, [3], [3, 1])
     assert not np.array_equal(raw[:, : other.shape[1]], other)
     np.testing.assert_array_equal(raw[:, : again.shape[1]], again)
 
@@ -137,7 +139,9 @@ def all_settings(settings: Settings):
 
 @pytest.mark.parametrize("kind", SENSORS)
 def test_every_key_is_read(kind: str, parts: Parts) -> None:
-    contact = TrueContact(np.array([[0.0, 0.0, 0.018], [1, 0, 0], [0, -1, 0]]), 0.01, middle=np.array([0, 0, 0.03]))
+    contact = TrueContact(
+        np.array([[0.0, 0.0, 0.018], [1, 0, 0], [0, -1, 0]]), 0.01, middle=np.array([0, 0, 0.03])
+    )
 
     def run(settings) -> None:
         sensor = settings.sensor(parts)
@@ -147,7 +151,7 @@ def test_every_key_is_read(kind: str, parts: Parts) -> None:
         else:
             assert functional is None
             values = np.stack([settings.signal(parts, [contact], settings.points(parts))] * 2)
-        raw = settings.simulate(parts, TIME[:2], values, [1])
+        raw = settings.simulate(parts, TIME[:2], values, [1], [2])
         assert raw.shape == (2, len(settings.columns)) and settings.columns == sensor.channels
         assert np.isfinite(raw).all()
 
@@ -165,7 +169,7 @@ def test_every_key_is_read(kind: str, parts: Parts) -> None:
     for each in settings:
         for name, keys in used_keys(each, run).items():
             read.setdefault(name, set()).update(keys)
-    # What stands for other keys has been used up when these were filled in; names of electrodes are for reports.
+    # What stands for other keys was used up when these were filled in; names of electrodes are for reports.
     spent = {"type", "part", "output"} | ({"name"} if kind == "electrodes" else set())
     for each in all_settings(settings[0]):
         unread = set(type(each).model_fields) - read.get(type(each).__name__, set()) - spent

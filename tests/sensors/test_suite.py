@@ -46,7 +46,7 @@ def test_sealed_gas_tells_of_a_touch_that_lines_do_not_see(parts: Parts) -> None
     time = 0.01 * np.arange(4000)
     # Held for longer than an outflow could last.
     pressed = np.interp(time, [4.0, 4.5, 32.0, 32.5], [0.0, 1.0, 1.0, 0.0])
-    raw = pressure.simulate(parts, time, pressed[:, None] * np.array([4e3, -300.0]), [2])
+    raw = pressure.simulate(parts, time, pressed[:, None] * np.array([4e3, -300.0]), [2], [2, 1])
     suite = SensorSuite.of([pressure, settings_of("crossed-diamonds")], parts)
     assert suite.misses and not suite.blind
     seen = run(suite, time, [raw, idle_lines(len(time))])
@@ -91,7 +91,8 @@ def test_a_chamber_with_two_sensors_is_squeezed_once(parts: Parts) -> None:
 
 
 def test_what_nobody_watches_is_not_tared_away(parts: Parts) -> None:
-    """Without anything that tells of a touch, zeros are taken when the robot is switched on, and not later."""
+    """Without anything that tells of a touch, zeros are taken when the robot is switched on, and not later.
+    """
     time = 0.01 * np.arange(3000)
     bent = settings_of("accelerometer")
     true = np.interp(time, [4.0, 12.0], [0.0, 1.0])[:, None] * np.array([1.5, -1.0, 0.2])

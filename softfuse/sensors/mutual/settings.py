@@ -249,7 +249,8 @@ class MutualSettings(CountsSettings):
         return _REST * (1.0 + np.asarray(values))
 
     def electronics(self, parts, rng):
-        """Cells that differ in reading at rest and gain, and drift each on its own, by what all and each do."""
+        """Cells that differ in reading at rest and gain, and drift each on its own, by what all and each do.
+        """
         del parts
         count = len(self.channels)
         rest = _REST + rng.uniform(-_REST_BOUND, _REST_BOUND, count)
