@@ -1,5 +1,5 @@
-"""Every test runs in double precision, as the mechanics requires; a small model of two chambers, and robots of
-configs/ on coarse meshes.
+"""Every test runs in double precision, as the mechanics requires; a small model of two chambers, and robots
+of configs/ on coarse meshes.
 """
 
 import gc

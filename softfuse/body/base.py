@@ -23,8 +23,8 @@ _WRITTEN_OUT = 3  # columns
 class AbstractBody(eqx.Module):
     """A body in equilibrium under what pushes its nodes.
 
-    `rest` (k, 3) [m] and `tets` (e, a): its mesh, of `element`s; `factors` (e,) [-]: how many times as stiff as
-    its material each element is, None: all just as stiff; `weight` (n,): gravity's work per unit of each
+    `rest` (k, 3) [m] and `tets` (e, a): its mesh, of `element`s; `factors` (e,) [-]: how many times as stiff
+    as its material each element is, None: all just as stiff; `weight` (n,): gravity's work per unit of each
     unknown; `pressure_unit` [Pa]: a typical stiffness of its materials; `n`: number of unknowns.
     """
 

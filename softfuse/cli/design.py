@@ -132,7 +132,7 @@ def _verified(
     with busy("finer meshes", quiet=quiet):
         own, mesh = build_mesh(finer), problem.on_mesh(theta).mesh
         devices = (
-            (build_device(finer, own), own.cavities, problem.layout.start),
+            (build_robot(finer, own).model, own.cavities, problem.layout.start),
             (problem.build(mesh, theta), mesh.walls, theta),
         )
         at_rest = [np.asarray(measured(measures, problem.answered(*each))) for each in devices]

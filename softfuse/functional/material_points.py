@@ -103,8 +103,8 @@ class MaterialPoints(eqx.Module):
     ) -> "MaterialPoints":
         """The points (g, 3) m of a body; `named`: what each is called in messages.
 
-        Those up to `within` [m] outside it are put onto its surface, with a note in the log. Raises MeshError,
-        with how far and the nearest places, for points that are further out.
+        Those up to `within` [m] outside it are put onto its surface, with a note in the log. Raises
+        MeshError, with how far and the nearest places, for points that are further out.
         """
         tets, rest = np.asarray(body.tets), np.asarray(body.rest)
         given = np.asarray(points, float).reshape(-1, 3)
@@ -177,8 +177,8 @@ def ball(centre: Float[np.ndarray, "3"], radius: float) -> Float[np.ndarray, "b 
 
 
 class SurfacePlaces(NamedTuple):
-    """g places (g, 3) m on the surface of a body, in its elements (g,) at ξ (g, 3), and how far (g,) m they are
-    from the points that they are nearest to.
+    """g places (g, 3) m on the surface of a body, in its elements (g,) at ξ (g, 3), and how far (g,) m they
+    are from the points that they are nearest to.
     """
 
     place: Float[np.ndarray, "g 3"]

@@ -1,9 +1,10 @@
 """The body's surface as something to press on anywhere: places, each with a frame of its own.
 
 A place is (3, 3), see `functional.chart`: a point of the surface [m], and unit tangents u, v there, whose
-cross product is the outward normal; d = −u × v points into the body. Normals vary smoothly from face to face, as means at the corners that are interpolated
-in between, except over creases, whose two sides keep their own. What lands along d is sought among the faces
-near the place: with a direction that varies, no table can name them beforehand.
+cross product is the outward normal; d = −u × v points into the body. Normals vary smoothly from face to face,
+as means at the corners that are interpolated in between, except over creases, whose two sides keep their own.
+What lands along d is sought among the faces near the place: with a direction that varies, no table can name
+them beforehand.
 """
 
 from collections.abc import Sequence

@@ -165,7 +165,11 @@ class Sizes(eqx.Module):
 
 
 def _cut(counts: list[int], vector: Array) -> list[Array]:
-    return jnp.split(vector, np.cumsum(counts)[:-1])[: len(counts)]
+    return jnp.split(vector, np.cumsum(counts, dtype=int)[:-1])[: len(counts)]
+
+
+def _joined(parts: list[Array]) -> Array:
+    return jnp.concatenate([jnp.zeros(0), *parts])
 
 
 class Loads(eqx.Module):
@@ -196,7 +200,7 @@ class Loads(eqx.Module):
     def start(self) -> tuple[Float[Array, " Q"], Float[Array, " M"], Float[Array, " D"]]:
         """Forces, internal unknowns and drives of the body at rest."""
         each = [part.start() for part in self.parts]
-        force, internal, drive = (jnp.concatenate([jnp.zeros(0), *kind]) for kind in zip(*each, strict=True))
+        force, internal, drive = (_joined([one[kind] for one in each]) for kind in range(3))
         return force, internal, drive
 
     def units(self) -> Float[Array, " QM"]:
@@ -204,15 +208,16 @@ class Loads(eqx.Module):
         each = [part.units() for part in self.parts]
         forces = [u[: part.sizes.forces] for u, part in zip(each, self.parts, strict=True)]
         internal = [u[part.sizes.forces :] for u, part in zip(each, self.parts, strict=True)]
-        return jnp.concatenate([*forces, *internal])
+        return _joined([*forces, *internal])
 
     def values(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, " P"]:
         """All ports' values (P,)."""
-        return jnp.concatenate([part.ports.values(body, z) for part in self.parts])
+        return _joined([part.ports.values(body, z) for part in self.parts])
 
     def rows(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, "n P"]:
         """All ports' rows (n, P)."""
-        return jnp.concatenate([part.ports.rows(body, z) for part in self.parts], axis=1)
+        each = [part.ports.rows(body, z) for part in self.parts]
+        return jnp.concatenate([jnp.zeros((body.n, 0)), *each], axis=1)
 
     def push(
         self, body: AbstractBody, z: Float[Array, " n"], force: Float[Array, " Q"]
@@ -223,7 +228,7 @@ class Loads(eqx.Module):
     @property
     def supports(self) -> Float[Array, " Q"]:
         """Stiffness (Q,) of the springs that support those ports which carry a force."""
-        return jnp.concatenate([part.ports.supports for part in self.parts])[self.carrying]
+        return _joined([part.ports.supports for part in self.parts])[self.carrying]
 
     def stiffen(
         self,
@@ -248,14 +253,14 @@ class Loads(eqx.Module):
         """The laws of all loads (Q + M,): those of the first load, then of the second ..."""
         drives = _cut([part.sizes.drives for part in self.parts], drive)
         own = zip(self.parts, self._own(force, internal, y), drives, strict=True)
-        return jnp.concatenate([part.equations(*at, given) for part, at, given in own])
+        return _joined([part.equations(*at, given) for part, at, given in own])
 
     def conjugate(
         self, force: Float[Array, " Q"], internal: Float[Array, " M"], y: Float[Array, " P"]
     ) -> Float[Array, " D"]:
         """What answers each drive (D,)."""
         own = zip(self.parts, self._own(force, internal, y), strict=True)
-        return jnp.concatenate([jnp.zeros(0), *(part.conjugate(*at) for part, at in own)])
+        return _joined([part.conjugate(*at) for part, at in own])
 
     def _own(self, force: Array, internal: Array, y: Array) -> list[tuple[Array, Array, Array]]:
         """Each load's own forces, internal unknowns and ports."""

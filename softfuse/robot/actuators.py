@@ -70,9 +70,9 @@ class CommandSettings(Settings):
 
 class CableSettings(Settings):
     """A cable from pulled_at (3,) m through guides (g, 3) m in the body; its end holds a ball of
-    anchor_radius in m around the last one: a point would sink in without limit as the mesh gets finer. Guides up to
-    guide_tolerance in m outside the body are put onto its surface, a tenth of the mesh's mean edge where it is
-    left out.
+    anchor_radius in m around the last one: a point would sink in without limit as the mesh gets finer. Guides
+    up to guide_tolerance in m outside the body are put onto its surface, a tenth of the mesh's mean edge
+    where it is left out.
 
     friction [-]: μ at the guides; compliance in m/N: by how much the cable itself gets longer; max_tension in
     N; command: what it is commanded to, None where that is measured or unknown.
@@ -122,11 +122,11 @@ class ChamberSettings(Settings):
     "driven" to a gauge pressure.
 
     file: its walls as a closed surface (STL, OBJ, PLY, OFF) in the unit of the body's file; a body of a
-    surface is hollowed by it, the void of one of a mesh has to fit it. mouth: where it opens, None where it is
-    closed (softfuse/mesh/chambers.py). shift, growth (3,) m: how the chamber that was made differs from the one drawn, in place and in length
-    along x, y and z. dead_volume in m³: of its tube and port; exponent κ [-] of p V^κ: 1 isothermal, 1.4
-    adiabatic air. lowest, highest in Pa: between which gauge pressures it is driven; command: to which, None
-    where that is measured or unknown.
+    surface is hollowed by it, the void of one of a mesh has to fit it. mouth: where it opens, None where it
+    is closed (softfuse/mesh/chambers.py). shift, growth (3,) m: how the chamber that was made differs from
+    the one drawn, in place and in length along x, y and z. dead_volume in m³: of its tube and port; exponent
+    κ [-] of p V^κ: 1 isothermal, 1.4 adiabatic air. lowest, highest in Pa: between which gauge pressures it
+    is driven; command: to which, None where that is measured or unknown.
     """
 
     name: str

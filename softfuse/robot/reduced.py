@@ -144,7 +144,9 @@ class Teacher:
             return paths, [jnp.asarray(place)[None] for place in over]
         place = jnp.asarray(self._middle(number))[None]
         patches = self.device.contacts[0].drives
-        low, high = (np.append(np.full(patches, end), own) for end, own in zip((0.0, force), self._drives, strict=True))
+        low, high = (
+            np.append(np.full(patches, end), own) for end, own in zip((0.0, force), self._drives, strict=True)
+        )
         return pushes(place, patches, low, high, levels=given.levels, near=given.near), [place]
 
     @property

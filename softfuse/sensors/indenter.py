@@ -17,6 +17,7 @@ from softfuse.io.quantity import FORCE, LengthUnit, PositiveForce, PositiveLengt
 from softfuse.sensors.base import AbstractContactSensor, Evidence, SensorSettings, Touch
 from softfuse.sensors.contact_places import chart_place
 from softfuse.sensors.electronics import equal_channels
+from softfuse.sensors.true_contact import coordinates, flat_chart
 
 
 class Indenter(AbstractContactSensor):
@@ -27,6 +28,7 @@ class Indenter(AbstractContactSensor):
     name: str = eqx.field(static=True)
     channels: tuple[str, ...] = eqx.field(static=True)
     contact: str = eqx.field(static=True)
+    slots: int = eqx.field(static=True)
     chart: AbstractChart
     unit_m: Float[Array, ""]
     on_N: Float[Array, ""]
@@ -34,11 +36,6 @@ class Indenter(AbstractContactSensor):
     sigma_m: Float[Array, ""]
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
-
-    @property
-    def slots(self):
-        """One."""
-        return 1
 
     @property
     def misses(self):
@@ -97,15 +94,15 @@ class IndenterSettings(SensorSettings):
         return self
 
     def sensor(self, parts):
-        """Raises ConfigError for a contact that there is not, or that has no coordinates."""
+        """Raises ConfigError for a contact that there is not, or that presses on no flat face."""
         part = parts.contact_of(self.name, self.contact)
-        if part.chart is None:
-            raise self._wrong(f'contact "{self.contact}" has no coordinates in which a stage could be')
+        chart = flat_chart(parts, self.name, self.contact)
         return Indenter(
             self.name,
             self.channels,
             self.contact,
-            part.chart,
+            1,
+            chart,
             jnp.asarray(self.unit, float),
             jnp.asarray(self.on, float),
             jnp.asarray(self.off, float),
@@ -121,11 +118,11 @@ class IndenterSettings(SensorSettings):
     def signal(self, parts, contacts, moved):
         """x, y [m] and force [N] of the contact, (3,)."""
         del moved
-        chart = parts.contact_of(self.name, self.contact).chart
+        chart = flat_chart(parts, self.name, self.contact)
         if len(contacts) != 1:
             raise self._wrong(f"a stage has one indenter, not {len(contacts)}")
         (contact,) = contacts
-        at = (np.asarray(contact.place)[0] - np.asarray(chart.origin)) @ np.asarray(chart.axes).T
+        at = coordinates(chart, contact)
         return np.array([*at, contact.force])
 
     def ideal(self, parts, time_s, values):

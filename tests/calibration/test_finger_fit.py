@@ -6,21 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from softfuse.config.build_device import build_device, electrode_places
+from softfuse.config.build_mesh import build_mesh
 
 from softfuse.calibration.contact_places import ContactPlaces
 from softfuse.calibration.fit import Fit, fit
-from softfuse.calibration.presses import Adjustable, Applied, Presses
-from softfuse.robot.file import load
-from softfuse.robot.settings import RobotSettings, save_edited
 from softfuse.calibration.of_robot import (
     adjustments_of_presses,
     build_adjustments,
     calibrated_edits,
     fitted_device,
 )
-from softfuse.config.build_device import build_device, electrode_places
-from softfuse.config.build_mesh import build_mesh
+from softfuse.calibration.presses import Adjustable, Applied, Presses
 from softfuse.functional.chart import facing
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings, save_edited
 
 ATMOSPHERE = 101325.0
 NOISE = 3.0

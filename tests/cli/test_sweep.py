@@ -20,15 +20,15 @@ import psutil
 import pyarrow.dataset as ds
 import pytest
 from distributed import Client, LocalCluster
-
-from softfuse.cli import sweep_worker
-from softfuse.cli.sweep_worker import Chunk, Pressed, solve_chunk
-from softfuse.cli.version import installed_version
 from softfuse.config import load, save_edited
 from softfuse.config.build_device import build_device, electrode_places
 from softfuse.config.build_sweep import build_series
 from softfuse.config.digest import digest
 from softfuse.config.sweep_plan import load_plan
+
+from softfuse.cli import sweep_worker
+from softfuse.cli.sweep_worker import Chunk, Pressed, solve_chunk
+from softfuse.cli.version import installed_version
 from softfuse.errors import SoftfuseError
 from softfuse.functional.chart import facing
 from softfuse.mechanics.cable import ShortenedCable

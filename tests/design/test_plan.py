@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.robot.file import load
 from softfuse.design.cable_route import CableRoute
 from softfuse.design.chamber_count import channel_edits
+from softfuse.design.objective import Answers, PairError, Unevenness
 from softfuse.design.of_robot import (
     build_layout,
     build_limits,
@@ -23,10 +23,10 @@ from softfuse.design.of_robot import (
     searched_config,
 )
 from softfuse.design.plan import load_design
-from softfuse.robot.layout.layout_mesh import layout_mesh
-from softfuse.design.objective import Answers, PairError, Unevenness
-from softfuse.robot.layout.thickness import wall_names, wall_thicknesses
 from softfuse.errors import ConfigError
+from softfuse.robot.file import load
+from softfuse.robot.layout.layout_mesh import layout_mesh
+from softfuse.robot.layout.thickness import wall_names, wall_thicknesses
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PAD, FINGER = CONFIGS / "design_pad.toml", CONFIGS / "design_finger.toml"

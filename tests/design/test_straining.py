@@ -4,11 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from softfuse.config.build_device import build_device
 
 from softfuse.body import Body
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device
 from softfuse.design.straining import largest_strain, largest_stretch
+from softfuse.robot.file import load
 
 
 @pytest.fixture(scope="module")

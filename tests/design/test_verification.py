@@ -3,16 +3,16 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
-from softfuse.robot.file import load
 from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import build_mesh
+
 from softfuse.design.facing import Facing
 from softfuse.design.straining import largest_strain
 from softfuse.design.verification import pressed
 from softfuse.errors import SolveError
 from softfuse.estimation.rest_response import rest_response
 from softfuse.functional.chart import facing
+from softfuse.robot.file import load
+from softfuse.robot.mesh import build_mesh
 
 PLACES = jnp.asarray(facing(np.array([[0.012, -0.015, 0.0], [-0.01, 0.016, 0.0]]), (0, 0, -1)))
 

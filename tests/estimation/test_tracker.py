@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from made_robots import BLOCK, settings_of
 
+from softfuse.estimation.doubts import TrackerSettings
 from softfuse.estimation.model_error import ModelError
 from softfuse.estimation.tracked import Frame, Tracked
-from softfuse.estimation.tracker import Tracker, TrackerSettings
+from softfuse.estimation.tracker import Tracker
 from softfuse.hardware.recording import read_recording
 from softfuse.mechanics.dense import Dense
 from softfuse.robot.robot import build_robot

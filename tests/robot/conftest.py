@@ -1,4 +1,4 @@
-"""Variants of the devices' configurations, in files of their own."""
+"""Variants of robots of configs/, in files of their own."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -39,7 +39,7 @@ def finger_text() -> str:
 @pytest.fixture
 def write(tmp_path: Path, pad_text: str) -> Write:
     """Writes configs/pad.toml with pieces of its text replaced: write((old, new), ...)."""
-    return writer(pad_text, tmp_path / "device.toml")
+    return writer(pad_text, tmp_path / "robot.toml")
 
 
 @pytest.fixture

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from softfuse.robot.file import load
 from softfuse.errors import ConfigError
+from softfuse.robot.file import load
+from softfuse.sensors.crossed.settings import CrossedSettings
+from softfuse.sensors.flow.sensor import FlowSettings
 
 Write = Callable[..., Path]
 
@@ -19,19 +21,19 @@ def test_the_pad_is_that_of_the_design(write: Write) -> None:
     source = config.body.source
     assert source.type == "pad"
     assert (source.size, source.cavity_size) == ((0.08, 0.08, 0.018), (0.028, 0.028, 0.006))
-    assert [c.centre for c in config.cavities] == [
+    assert [c.centre for c in config.chambers] == [
         (x, y, 0.009) for x in (-0.017, 0.017) for y in (-0.017, 0.017)
     ]
     (material,) = config.body.materials
     assert (material.law, material.lame) == ("neo-hookean", pytest.approx(0.6e6 * 0.49 / (1.49 * 0.02)))
     assert config.body.element == "taylor-hood"
-    assert config.contact is not None and config.sensors is not None
-    assert (config.contact.model, config.contact.radius) == ("punch", 0.01)
-    array = config.sensors.capacitive
+    assert (config.contact().model, config.contact("indenter").radius) == ("punch", 0.01)
+    (array,) = config.sensors_of(CrossedSettings)
     assert array.row_y == array.column_x == tuple(1e-3 * (-28 + 8 * k) for k in range(8))
     assert (array.row_depth, array.column_depth) == (1.5e-3, 1e-3)
-    assert config.sensors.flow.sensitivity == pytest.approx(20.0 / (1e-3 / 60.0))
-    assert config.sensors.channels == (
+    (flow,) = config.sensors_of(FlowSettings)
+    assert flow.sensitivity == pytest.approx(20.0 / (1e-3 / 60.0))
+    assert config.channels == (
         *(f"flow{k}_V" for k in range(4)),
         *(f"row{k}" for k in range(8)),
         *(f"col{k}" for k in range(8)),
@@ -39,8 +41,8 @@ def test_the_pad_is_that_of_the_design(write: Write) -> None:
 
 
 def test_what_simulation_does_not_need_may_be_left_out(write: Write, pad_text: str) -> None:
-    config = load(write((pad_text[pad_text.index("[contact]") :], "")))
-    assert config.contact is None and config.sensors is None
+    config = load(write((pad_text[pad_text.index("[[contact]]") :], "")))
+    assert config.contacts == config.sensors == config.cables == config.channels == ()
     assert config.estimator.steps_per_frame == 1
 
 
@@ -136,58 +138,59 @@ def test_what_simulation_does_not_need_may_be_left_out(write: Write, pad_text: s
         (
             "[contact.workspace]",
             "[contact.workspace]\nquux = 1",
-            "contact.workspace.quux: unknown key, the known ones are x, y",
+            "contact[0].workspace.quux: unknown key, the known ones are x, y",
         ),
-        ("[device]", "[devices]\n[device]", 'devices: unknown key, did you mean "device"?'),
+        ("[robot]", "[robots]\n[robot]", 'robots: unknown key, did you mean "robot"?'),
         (
             'name = "(-,+)"\ncentre',
             'name = "(-,+)"\ncenter = []\ncentre',
-            'cavity[1].center: unknown key, did you mean "centre"?',
+            'chamber[1].center: unknown key, did you mean "centre"?',
         ),
         (
             'name = "(-,+)"',
             'name = "(-,-)"',
-            'cavity[1].name: the name "(-,-)" is taken by cavity[0]',
+            'chamber[1].name: the name "(-,-)" is taken by chamber[0]',
         ),
         (
             '["-17 mm", "17 mm", "9 mm"]',
             '["-17 mm", "17 mm", "8 mm"]',
-            "cavity[1].centre[2]: the cavities of a pad are all at one height",
+            "chamber[1].centre[2]: the cavities of a pad are all at one height",
         ),
         (
             'channels = ["flow0_V", ',
             "channels = [",
-            "sensors.flow.channels: 3 flow sensors for 4 cavities: name one column for each",
+            "sensor[0].channels: 3 for 4 chambers",
         ),
         (
-            'row_channels = ["row0", ',
-            "row_channels = [",
-            "sensors.capacitive.row_channels: names 7 columns for the 8 positions of row_y",
+            '"row0", "row1"',
+            '"row1"',
+            "sensor[1].channels: 15 for 16 lines of row_y and column_x",
         ),
+        ('"row0", "row1"', '"row0", "col7"', 'sensor[1].channels: "col7" is named twice'),
         (
-            'row_channels = ["row0", ',
-            'row_channels = ["col7", ',
-            'sensors: two sensors write in the column "col7": give each its own',
+            '"row0", "row1"',
+            '"row0", "flow0_V"',
+            'sensor: "flow0_V" is the column of two sensors or commands: give each its own',
         ),
         (
             'row_y = ["-28 mm", "-20 mm"',
             'row_y = ["-28 mm", "-30 mm"',
-            "sensors.capacitive.row_y: the values must ascend",
+            "sensor[1].row_y: the values must ascend",
         ),
         (
             'zero = "0.5 V"',
             'zero = "3 V"',
-            "sensors.flow: zero = 3 V must lie between low = 0.002 V and high = 2.5 V",
+            "sensor[0]: zero = 3 must lie between low = 0.002 and high = 2.5",
         ),
         (
             'zero = "0.5 V"',
             'zero = "0.5 N"',
-            'sensors.flow.zero: "0.5 N" is a force, expected a voltage such as "0.5 V"',
+            'sensor[0].zero: "0.5 N" is a force, expected a voltage such as "0.5 V"',
         ),
         (
             "near_off_sigma = 6.0",
             "near_off_sigma = 9.0",
-            "sensors.capacitive.touch.near_off_sigma: must not exceed near_on_sigma = 8",
+            "sensor[1].touch.near_off_sigma: must not exceed near_on_sigma = 8",
         ),
         ("steps_per_frame = 1", "steps_per_frame = 0", "estimator.steps_per_frame: 0 must be greater than 0"),
         (
@@ -198,12 +201,12 @@ def test_what_simulation_does_not_need_may_be_left_out(write: Write, pad_text: s
         (
             "direction = [0, 0, -1]",
             "direction = [0, 0, 0]",
-            "contact.direction: the direction has no length; use [0, 0, -1] for downwards",
+            "contact[0].direction: the direction has no length; use [0, 0, -1] for downwards",
         ),
         (
             'x = ["-30 mm", "30 mm"]',
             'x = ["30 mm", "-30 mm"]',
-            "contact.workspace.x: the values must ascend",
+            "contact[0].workspace.x: the values must ascend",
         ),
         (
             'z = ["0 mm", "0 mm"]',
@@ -213,9 +216,13 @@ def test_what_simulation_does_not_need_may_be_left_out(write: Write, pad_text: s
         (
             'z = ["0 mm", "0 mm"]',
             "",
-            'body.fixed: give a range of x, y or z, such as z = ["0 mm", "0 mm"]',
+            'body.fixed: give a range of x, y or z, such as z = ["0 mm", "0 mm"], or a group',
         ),
-        ("[contact.workspace]", "[contact.works]", 'contact.works: unknown key, did you mean "workspace"?'),
+        (
+            "[contact.workspace]",
+            "[contact.works]",
+            'contact[0].works: unknown key, did you mean "workspace"?',
+        ),
     ],
 )
 def test_a_mistake_is_told_with_its_key(write: Write, old: str, new: str, told: str) -> None:
@@ -233,15 +240,15 @@ def test_a_single_mistake_is_one_line(write: Write) -> None:
 
 def test_every_mistake_has_its_line(write: Write) -> None:
     path = write(
-        ("poisson = 0.49", "poisson = 0.5"), ('radius = "10 mm"', 'radius = "10 s"'), ("[device]\n", "")
+        ("poisson = 0.49", "poisson = 0.5"), ('radius = "10 mm"', 'radius = "10 s"'), ("[robot]\n", "")
     )
     with pytest.raises(ConfigError) as caught:
         load(path)
     lines = str(caught.value).split("\n")
     assert [line.removeprefix(f"{path}: ").split(":")[0] for line in lines] == [
-        "device",
+        "robot",
         "body.material[0].poisson",
-        "contact.radius",
+        "contact[0].radius",
         "name",
     ]
 
@@ -287,7 +294,7 @@ def test_wrong_constants_are_told(write: Write, pad_text: str, constants: str, t
 def test_files_are_found_from_the_folder_of_the_config(tmp_path: Path, pad_text: str) -> None:
     start, end = pad_text.index("[body.source]"), pad_text.index("# One material")
     source = '[body.source]\ntype = "mesh"\nfile = "meshes/body.vtu"\nunit = "mm"\n'
-    path = tmp_path / "device.toml"
+    path = tmp_path / "robot.toml"
     path.write_text(pad_text[:start] + source + pad_text[end:], encoding="utf-8")
     with pytest.raises(ConfigError) as caught:
         load(path)
@@ -303,7 +310,7 @@ def test_files_are_found_from_the_folder_of_the_config(tmp_path: Path, pad_text:
 
 
 def test_what_is_no_toml_is_told_with_its_line(tmp_path: Path) -> None:
-    path = tmp_path / "device.toml"
+    path = tmp_path / "robot.toml"
     path.write_text('[device]\nname = "a\n')
     with pytest.raises(ConfigError, match=rf"^{path}: not valid TOML: .*\(at line 2, column 10\)$"):
         load(path)

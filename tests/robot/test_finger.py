@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.robot.file import load
-from softfuse.robot.mesh import build_mesh
 from softfuse.errors import ConfigError
 from softfuse.mesh.quality import mesh_quality
 from softfuse.mesh.surface import centroid, enclosed_volume
 from softfuse.mesh.tetmesh import volumes
+from softfuse.robot.file import load
+from softfuse.robot.mesh import build_mesh
 
 Write = Callable[..., Path]
 
@@ -25,7 +25,7 @@ def test_the_finger_is_that_of_the_design(write_finger: Write) -> None:
     assert source.type == "finger"
     assert (source.size, source.cavity_size) == ((0.12, 0.02, 0.02), (0.008, 0.006, 0.01))
     assert (source.neck_x, source.neck_length, source.neck_height) == ((0.03, 0.06, 0.09), 0.012, 0.015)
-    assert [(c.name, c.centre) for c in config.cavities] == [
+    assert [(c.name, c.centre) for c in config.chambers] == [
         (f"{neck} {side}", (x, y, 0.0125))
         for neck, x in (("base", 0.03), ("middle", 0.06), ("tip", 0.09))
         for side, y in (("left", 0.005), ("right", -0.005))
@@ -34,7 +34,7 @@ def test_the_finger_is_that_of_the_design(write_finger: Write) -> None:
     assert (material.law, material.density) == ("neo-hookean", 1080.0)
     assert material.lame == pytest.approx(0.6e6 * 0.49 / (1.49 * 0.02))
     assert config.body.element == "taylor-hood"
-    assert config.body.gravity == (0.0, 0.0, 0.0)
+    assert config.environment.gravity == (0.0, 0.0, 0.0)
 
 
 def test_the_mesh_has_its_cavities_in_order_and_is_held_at_its_base(write_finger: Write) -> None:
@@ -45,7 +45,7 @@ def test_the_mesh_has_its_cavities_in_order_and_is_held_at_its_base(write_finger
     assert len(mesh.nodes) <= 7500
     assert mesh_quality(mesh).mean_ratio.least > 0.15
     assert volumes(mesh).sum() == pytest.approx(41_520e-9)
-    for cavity, settings in zip(device.cavities, config.cavities, strict=True):
+    for cavity, settings in zip(device.cavities, config.chambers, strict=True):
         assert enclosed_volume(mesh.nodes, cavity.faces) == pytest.approx(480e-9)
         np.testing.assert_allclose(centroid(mesh.nodes, cavity.faces), settings.centre, atol=1e-12)
     np.testing.assert_array_equal(device.fixed, mesh.nodes[:, 0] < 1e-9)
@@ -56,7 +56,7 @@ def test_cavities_may_be_listed_in_any_order_and_lie_at_any_height(write_finger:
     config = load(write_finger(*swap))
     device = build_mesh(config)
     found = [centroid(device.mesh.nodes, cavity.faces) for cavity in device.cavities]
-    np.testing.assert_allclose(found, [c.centre for c in config.cavities], atol=1e-12)
+    np.testing.assert_allclose(found, [c.centre for c in config.chambers], atol=1e-12)
 
 
 def test_sizes_and_growth_reach_the_mesh(write_finger: Write) -> None:
@@ -71,7 +71,7 @@ def test_sizes_and_growth_reach_the_mesh(write_finger: Write) -> None:
 
 
 def test_a_solid_finger_needs_no_cavities(write_finger: Write, finger_text: str) -> None:
-    device = build_mesh(load(write_finger((finger_text[finger_text.index("[[cavity]]\nname") :], ""))))
+    device = build_mesh(load(write_finger((finger_text[finger_text.index("[[chamber]]\nname") :], ""))))
     assert device.cavities == ()
     assert volumes(device.mesh).sum() == pytest.approx(44_400e-9)
 

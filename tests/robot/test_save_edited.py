@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from softfuse.robot.file import load, save_edited
-from softfuse.robot.file import Edits
 from softfuse.errors import ConfigError
+from softfuse.robot.file import Edits, load, save_edited
 
 Write = Callable[..., Path]
 
@@ -35,13 +34,13 @@ def test_keys_and_tables_are_added_and_taken_away(write: Write, tmp_path: Path) 
             ("body", "material", 0, name): f"{value} kPa"
             for name, value in zip(("c1", "c2", "c3"), (90, 9, 0), strict=True)
         },
-        ("cavity", 1, "shift"): ["0.1 mm", "0 mm", "-0.2 mm"],
+        ("chamber", 1, "shift"): ["0.1 mm", "0 mm", "-0.2 mm"],
         ("reduction", "cell"): "8 mm",
     }
     config = save_edited(source, target, edits)
     assert config.body.materials[0] == load(target).body.materials[0]
     assert config.body.materials[0].law == "yeoh" and config.body.materials[0].poisson == 0.49
-    assert config.cavities[1].shift == (0.1e-3, 0.0, -0.2e-3) and config.reduction.cell == 8e-3
+    assert config.chambers[1].shift == (0.1e-3, 0.0, -0.2e-3) and config.reduction.cell == 8e-3
     assert "# " in target.read_text()
 
 
@@ -54,9 +53,9 @@ def test_files_are_still_found_from_another_folder(tmp_path: Path, pad_text: str
     for name in ("configs/a/body.stl", "configs/plate.stl", "fits/new/placeholder"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).touch()
-    path = tmp_path / "configs" / "device.toml"
+    path = tmp_path / "configs" / "robot.toml"
     path.write_text(pad_text[:start] + source + pad_text[end:], encoding="utf-8")
-    target = tmp_path / "fits" / "new" / "device.toml"
+    target = tmp_path / "fits" / "new" / "robot.toml"
     save_edited(path, target, {("body", "material", 0, "young"): "0.55 MPa"})
     found = load(target).body.source
     assert found.type == "surface"

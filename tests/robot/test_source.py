@@ -1,13 +1,13 @@
-"""The sources of a device: what is read, and how mistakes are told."""
+"""The sources of a robot: what is read, and how mistakes are told."""
 
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from softfuse.errors import ConfigError
 from softfuse.robot.file import load
 from softfuse.robot.source import AtiNetFtSource, RobotousRftSource
-from softfuse.errors import ConfigError
 
 Write = Callable[..., Path]
 
@@ -30,7 +30,7 @@ def written(write: Write, pad_text: str) -> Callable[[str], Path]:
     return lambda text: write((last, f"{last}\n{text}"))
 
 
-def test_a_device_may_have_no_source(write: Write) -> None:
+def test_a_robot_may_have_no_source(write: Write) -> None:
     assert load(write()).sources == ()
 
 

@@ -169,7 +169,8 @@ def test_every_key_is_read(kind: str, parts: Parts) -> None:
     for each in settings:
         for name, keys in used_keys(each, run).items():
             read.setdefault(name, set()).update(keys)
-    # What stands for other keys was used up when these were filled in; names of electrodes are for reports.
+    # What stands for other keys has been used up when these were filled in; names of electrodes are for
+    # reports.
     spent = {"type", "part", "output"} | ({"name"} if kind == "electrodes" else set())
     for each in all_settings(settings[0]):
         unread = set(type(each).model_fields) - read.get(type(each).__name__, set()) - spent
@@ -184,8 +185,8 @@ def test_every_key_is_read(kind: str, parts: Parts) -> None:
         ("pressure", {"chambers": ["left", "sealed"]}, 'chamber "left" is vented'),
         ("cable-length", {"cables": ["one", "two"]}, 'there is no cable "two", but "one", "other"'),
         ("marker", {"point": "toe"}, 'there is no point "toe", but "tip"'),
-        ("indenter", {"contact": "skin"}, 'contact "skin" has no coordinates'),
-        ("crossed-diamonds", {"contact": "skin"}, "crossed lines lie under a flat face"),
+        ("indenter", {"contact": "skin"}, 'contact "skin" presses on no flat face'),
+        ("crossed-diamonds", {"contact": "skin"}, 'contact "skin" presses on no flat face'),
         ("liquid-metal", {"stations": [0, 2]}, "2 channels for 1 segments"),
     ],
 )

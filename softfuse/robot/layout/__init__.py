@@ -1,1 +1,1 @@
-"""Blocks and beams with chambers of any shape: a generator of bodies, whose meshes follow their parameters."""
+"""Blocks and beams with chambers of any shape: generated bodies, whose meshes follow their parameters."""

@@ -1,32 +1,22 @@
-"""Settings to meshes, materials and sensors."""
+"""From settings to the mesh of a body: chambers, held nodes, and what files give."""
 
 from collections.abc import Callable
 from pathlib import Path
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from manifold3d import Manifold
 
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device
-from softfuse.robot.laws import materials_of
-from softfuse.robot.mesh import build_mesh
-from softfuse.config.build_sensors import (
-    build_sensors,
-)
-from softfuse.config.sensors import CapacitiveSettings, FlowSettings
 from softfuse.errors import ConfigError
 from softfuse.functional.cavity import Cavity
-from softfuse.material import silicone
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.files import write_mesh, write_surface
 from softfuse.mesh.overlap import outline
 from softfuse.mesh.shell import Shell, shell_of
 from softfuse.mesh.surface import centroid, enclosed_volume
 from softfuse.mesh.tetmesh import linear, tet_mesh, volumes
-from softfuse.sensing import CapacitiveArray, capacitive_array, d6f_p0001a1, peak_model, touch_detector
+from softfuse.robot.file import load
+from softfuse.robot.mesh import build_mesh
 
 Write = Callable[..., Path]
 
@@ -38,15 +28,15 @@ COARSE = (
 
 def test_the_pad_has_its_cavities_in_order(write: Write) -> None:
     config = load(write())
-    device = build_mesh(config)
-    mesh = device.mesh
+    made = build_mesh(config)
+    mesh = made.mesh
     assert mesh.order == 2
     assert len(mesh.nodes) <= 5000
     assert volumes(mesh).sum() == pytest.approx(0.08 * 0.08 * 0.018 - 4 * 0.028**2 * 0.006)
-    for cavity, settings in zip(device.cavities, config.cavities, strict=True):
+    for cavity, settings in zip(made.cavities, config.chambers, strict=True):
         assert enclosed_volume(mesh.nodes, cavity.faces) == pytest.approx(0.028**2 * 0.006)
         np.testing.assert_allclose(centroid(mesh.nodes, cavity.faces), settings.centre, atol=1e-12)
-    np.testing.assert_array_equal(device.fixed, mesh.nodes[:, 2] < 1e-9)
+    np.testing.assert_array_equal(made.fixed, mesh.nodes[:, 2] < 1e-9)
 
 
 def test_the_order_of_the_config_is_that_of_the_volumes(write: Write) -> None:
@@ -55,21 +45,21 @@ def test_the_order_of_the_config_is_that_of_the_volumes(write: Write) -> None:
         ('["17 mm", "17 mm", "9 mm"]', '["-17 mm", "-17 mm", "9 mm"]'),
     )
     config = load(write(*COARSE, *swap))
-    device = build_mesh(config)
-    found = [centroid(device.mesh.nodes, cavity.faces) for cavity in device.cavities]
-    np.testing.assert_allclose(found, [c.centre for c in config.cavities], atol=1e-12)
+    made = build_mesh(config)
+    found = [centroid(made.mesh.nodes, cavity.faces) for cavity in made.cavities]
+    np.testing.assert_allclose(found, [c.centre for c in config.chambers], atol=1e-12)
 
 
 def test_cavities_are_as_they_were_made(write: Write) -> None:
     made = (
-        '"(-,+)"',
-        '"(-,+)"\nshift = ["0.4 mm", "-0.2 mm", "0.3 mm"]\ngrowth = ["0.1 mm", "0 mm", "-0.5 mm"]',
+        'name = "(-,+)"',
+        'name = "(-,+)"\nshift = ["0.4 mm", "-0.2 mm", "0.3 mm"]\ngrowth = ["0.1 mm", "0 mm", "-0.5 mm"]',
     )
     config = load(write(*COARSE, made))
-    device = build_mesh(config)
-    boxes = np.array([np.ptp(device.mesh.nodes[c.faces].reshape(-1, 3), axis=0) for c in device.cavities])
-    middles = [centroid(device.mesh.nodes, c.faces) for c in device.cavities]
-    drawn = np.array([cavity.centre for cavity in config.cavities])
+    made = build_mesh(config)
+    boxes = np.array([np.ptp(made.mesh.nodes[c.faces].reshape(-1, 3), axis=0) for c in made.cavities])
+    middles = [centroid(made.mesh.nodes, c.faces) for c in made.cavities]
+    drawn = np.array([cavity.centre for cavity in config.chambers])
     np.testing.assert_allclose(boxes[1], [28.1e-3, 28e-3, 5.5e-3], atol=1e-12)
     np.testing.assert_allclose(boxes[[0, 2, 3]], np.full((3, 3), [28e-3, 28e-3, 6e-3]), atol=1e-12)
     np.testing.assert_allclose(middles[1], drawn[1] + [0.4e-3, -0.2e-3, 0.3e-3], atol=1e-12)
@@ -77,17 +67,12 @@ def test_cavities_are_as_they_were_made(write: Write) -> None:
 
 
 def test_a_cavity_that_does_not_fit_as_made_is_told(write: Write) -> None:
-    path = write(*COARSE, ('"(-,+)"', '"(-,+)"\nshift = ["0 mm", "0 mm", "15 mm"]'))
+    path = write(*COARSE, ('name = "(-,+)"', 'name = "(-,+)"\nshift = ["0 mm", "0 mm", "15 mm"]'))
     with pytest.raises(ConfigError) as caught:
         build_mesh(load(path))
-    assert str(caught.value).startswith(f"{path}: cavity: the cavities are shifted too far or grown too much")
-
-
-def test_a_punch_has_the_layer_that_is_given(write: Write) -> None:
-    asked = write(*COARSE, ('max_force = "25 N"', 'max_force = "25 N"\ncompliance = "0.5 mm/MPa"'))
-    (contact,) = build_device(load(asked)).contacts
-    assert isinstance(contact, PunchContact)
-    assert float(contact.disc.compliance) == pytest.approx(0.5e-9)
+    assert str(caught.value).startswith(
+        f"{path}: chamber: the cavities are shifted too far or grown too much"
+    )
 
 
 def test_linear_elements_get_a_linear_mesh(write: Write) -> None:
@@ -126,7 +111,7 @@ def test_a_wrong_pad_is_told_with_its_key(write: Write) -> None:
 
 def _from_file(pad_text: str, folder: Path, source: str) -> Path:
     start, end = pad_text.index("[body.source]"), pad_text.index("# One material")
-    path = folder / "device.toml"
+    path = folder / "robot.toml"
     path.write_text(pad_text[:start] + "[body.source]\n" + source + pad_text[end:], encoding="utf-8")
     return path
 
@@ -135,10 +120,10 @@ def test_a_mesh_from_a_file_is_the_same_body(write: Write, tmp_path: Path, pad_t
     pad = build_mesh(load(write(*COARSE))).mesh
     write_mesh(tmp_path / "pad.vtu", tet_mesh(1e3 * pad.nodes, pad.tets, region=7 + pad.region))
     config = load(_from_file(pad_text, tmp_path, 'type = "mesh"\nfile = "pad.vtu"\nunit = "mm"\n'))
-    device = build_mesh(config)
-    np.testing.assert_allclose(device.mesh.nodes, pad.nodes, atol=1e-15)
-    np.testing.assert_array_equal(device.mesh.region, 0)
-    assert len(device.cavities) == 4
+    made = build_mesh(config)
+    np.testing.assert_allclose(made.mesh.nodes, pad.nodes, atol=1e-15)
+    np.testing.assert_array_equal(made.mesh.region, 0)
+    assert len(made.cavities) == 4
 
 
 def test_regions_without_a_material_are_told(write: Write, tmp_path: Path, pad_text: str) -> None:
@@ -158,12 +143,11 @@ def test_another_number_of_cavities_is_told(write: Write, tmp_path: Path, pad_te
     pad = build_mesh(load(write(*COARSE))).mesh
     write_mesh(tmp_path / "pad.vtu", pad)
     path = _from_file(pad_text, tmp_path, 'type = "mesh"\nfile = "pad.vtu"\nunit = "m"\n')
-    extra = '[[cavity]]\nname = "fifth"\ncentre = ["0 mm", "0 mm", "9 mm"]\n\n[contact]'
-    text = path.read_text().replace("[contact]", extra).replace('"flow3_V"]', '"flow3_V", "flow4_V"]')
-    path.write_text(text)
+    extra = '[[chamber]]\nname = "fifth"\ncentre = ["0 mm", "0 mm", "9 mm"]\n\n[[contact]]'
+    path.write_text(path.read_text().replace("[[contact]]", extra))
     with pytest.raises(ConfigError) as caught:
         build_mesh(load(path))
-    told = f"{path}: cavity: config names 5 cavities, the mesh has 4 closed inner surfaces"
+    told = f"{path}: chamber: config names 5 cavities, the mesh has 4 closed inner surfaces"
     assert str(caught.value).startswith(told)
 
 
@@ -171,114 +155,12 @@ def test_a_surface_is_filled(write: Write, tmp_path: Path, pad_text: str) -> Non
     pad = build_mesh(load(write(*COARSE))).mesh
     write_surface(tmp_path / "pad.stl", shell_of(pad), scale=1e3)
     source = 'type = "surface"\nfile = "pad.stl"\nunit = "mm"\nedge_length = "15 mm"\n'
-    device = build_mesh(load(_from_file(pad_text, tmp_path, source)))
-    assert len(device.cavities) == 4
-    assert volumes(device.mesh).sum() == pytest.approx(volumes(pad).sum(), rel=2e-2)
+    made = build_mesh(load(_from_file(pad_text, tmp_path, source)))
+    assert len(made.cavities) == 4
+    assert volumes(made.mesh).sum() == pytest.approx(volumes(pad).sum(), rel=2e-2)
     path = _from_file(pad_text, tmp_path, source.replace('"mm"', '"m"'))
     with pytest.raises(ConfigError, match="body.source: the edge length 15 mm does not suit a body of"):
         build_mesh(load(path))
-
-
-@pytest.mark.parametrize(
-    ("constants", "shear", "lame"),
-    [
-        ('law = "neo-hookean"\nyoung = "0.6 MPa"\npoisson = 0.25', 0.24e6, 0.24e6),
-        ('law = "saint-venant-kirchhoff"\nyoung = "0.6 MPa"\npoisson = 0.25', 0.24e6, 0.24e6),
-        ('law = "corotational"\nyoung = "0.6 MPa"\npoisson = 0.25', 0.24e6, 0.24e6),
-        ('law = "mooney-rivlin"\nc10 = "80 kPa"\nc01 = "20 kPa"\nbulk = "1 MPa"', 0.2e6, 1e6 - 0.4e6 / 3),
-        ('law = "yeoh"\nc1 = "92 kPa"\nc2 = "9 kPa"\nc3 = "-1 kPa"\npoisson = 0.4', 0.184e6, 0.736e6),
-        ('law = "ogden"\nmu = ["50 kPa", "-10 kPa"]\nalpha = [2, -4]\npoisson = 0.25', 0.07e6, 0.07e6),
-    ],
-)
-def test_materials_are_as_stiff_as_their_settings_say(
-    write: Write, pad_text: str, constants: str, shear: float, lame: float
-) -> None:
-    start, end = pad_text.index("[[body.material]]"), pad_text.index("[body.fixed]")
-    config = load(write((pad_text[start:end], f"[[body.material]]\n{constants}\n")))
-    (settings,) = config.body.materials
-    (material,) = materials_of(config.body)
-    assert settings.shear_modulus == pytest.approx(shear)
-    assert settings.lame == pytest.approx(lame)
-    assert float(material.shear_modulus()) == pytest.approx(shear)
-    assert float(material.lame) == pytest.approx(lame)
-
-
-def _same(a: object, b: object) -> bool:
-    return jax.tree.structure(a) == jax.tree.structure(b) and all(
-        np.array_equal(x, y) for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
-    )
-
-
-def test_the_pads_own_values_are_those_of_its_data_sheets(write: Write) -> None:
-    sensors = build_sensors(load(write()))
-    assert _same(sensors.flow, d6f_p0001a1(4))
-    assert _same(sensors.array, capacitive_array())
-    assert _same(sensors.touch, touch_detector())
-    lines = 1e-3 * (-28 + 8 * jnp.arange(8))
-    assert _same(sensors.peak, peak_model(lines, lines, 1.5e-3, 1.0e-3))
-
-
-def test_settings_reach_the_sensors(write: Write) -> None:
-    changes = (
-        ('zero = "0.5 V"', 'zero = "1 V"'),
-        ('sensitivity = "20 V min/L"', 'sensitivity = "2 V min/L"'),
-        ('wander_time = "3 s"', 'wander_time = "3 s"\nlag_frames = 7\nhold_off = "1 s"'),
-        ("noise_counts = 8.0", "noise_counts = 4.0"),
-        ('creep_time = "60 s"', 'creep_time = "1 min"\nnegative_sigma = 3'),
-        ("near_on_sigma = 8.0", "near_on_sigma = 9"),
-        ('radius = "10 mm"', 'radius = "5 mm"'),
-        ("[estimator]", '[sensors.capacitive.peak]\ngap_sigma = "1 mm"\n\n[estimator]'),
-    )
-    sensors = build_sensors(load(write(*changes)))
-    np.testing.assert_allclose(sensors.flow.zero_V, 1.0)
-    np.testing.assert_allclose(sensors.flow.sensitivity_Vs_m3, 0.12e6)
-    assert (sensors.flow.lag, float(sensors.flow.hold_off_s)) == (7, 1.0)
-    assert [float(s.noise_counts) for s in (sensors.array, sensors.peak, sensors.touch)] == [4.0] * 3
-    assert (float(sensors.array.creep_time_s), float(sensors.array.negative_sigma)) == (60.0, 3.0)
-    assert float(sensors.touch.near_on_sigma) == 9.0
-    assert (float(sensors.peak.radius_m), float(sensors.peak.gap_sigma_m)) == (5e-3, 1e-3)
-
-
-@pytest.mark.parametrize("table", ["sensors", "contact"])
-def test_tables_that_are_needed_are_told(write: Write, pad_text: str, table: str) -> None:
-    start = pad_text.index("[contact]" if table == "contact" else "[sensors.flow]")
-    end = pad_text.index("[sensors.flow]" if table == "contact" else "[estimator]")
-    path = write((pad_text[start:end], ""))
-    with pytest.raises(ConfigError, match=rf"^{path}: {table}: missing, "):
-        build_sensors(load(path))
-
-
-def _of_material(write: Write, keys: str) -> Path:
-    young = '# Dragon Skin 30; fit it to presses of known force\npoisson = 0.49\ndensity = "1080 kg/m^3"'
-    return write((f'law = "neo-hookean"\nyoung = "0.6 MPa"                               {young}', keys))
-
-
-def test_a_silicone_is_given_by_its_name(write: Write) -> None:
-    config = load(_of_material(write, 'silicone = "ecoflex 00-30"'))
-    (material,) = build_materials(config)
-    expected = silicone("Ecoflex 00-30", 0.49)
-    f = jnp.diag(jnp.array([1.5, 0.8, 0.9]))
-    assert float(material.energy(f)) == pytest.approx(float(expected.energy(f)), rel=1e-6)
-    assert config.body.materials[0].density == 1070.0
-    other = load(_of_material(write, 'silicone = "Dragon Skin 10"\nc1 = "30 kPa"\nbulk = "9 MPa"'))
-    (material,) = other.body.materials
-    assert (material.law, material.c1, material.c2, material.bulk) == ("yeoh", 30e3, 3.04e3, 9e6)
-    assert material.poisson is None
-
-
-@pytest.mark.parametrize(
-    ("keys", "told"),
-    [
-        ('silicone = "Playdough"', 'silicone: "Playdough" is not in the table: it has Ecoflex 00-30, '),
-        ('silicone = "Ecoflex 00-30"\nlaw = "ogden"', 'silicone: names a Yeoh law: remove law = "ogden"'),
-        ('silicone = "Ecoflex 00-30"\nyoung = "1 MPa"', "young: unknown key"),
-    ],
-)
-def test_a_silicone_that_cannot_be_is_told(write: Write, keys: str, told: str) -> None:
-    path = _of_material(write, keys)
-    with pytest.raises(ConfigError) as caught:
-        load(path)
-    assert str(caught.value).startswith(f"{path}: body.material[0].{told}")
 
 
 def test_nodes_are_held_by_a_group_of_the_file(write: Write, tmp_path: Path, pad_text: str) -> None:
@@ -304,17 +186,17 @@ def test_nodes_are_held_by_a_group_of_the_file(write: Write, tmp_path: Path, pad
 
 
 CHAMBERED = """
-device.name = "bar"
+robot.name = "bar"
 body.source = {{type = "{type}", file = "{file}", unit = "mm"{edge}}}
 body.fixed = {{x = ["0 mm", "0 mm"]}}
 body.material = [{{silicone = "Dragon Skin 30"}}]
 
-[[cavity]]
+[[chamber]]
 name = "closed"
 centre = ["22 mm", "6 mm", "6 mm"]
 file = "closed.stl"
 
-[[cavity]]
+[[chamber]]
 name = "open"
 centre = ["4 mm", "6 mm", "6 mm"]
 mouth = {{at = ["0 mm", "6 mm", "6 mm"], outwards = [-1, 0, 0]}}
@@ -343,5 +225,5 @@ def test_chambers_come_from_files_and_may_be_open(tmp_path: Path) -> None:
         assert {*map(tuple, np.sort(one.faces))} == {*map(tuple, np.sort(other.faces))}
     moved = outline(hole.translate([0, 2, 0]))
     write_surface(tmp_path / "closed.stl", Shell(*moved))
-    with pytest.raises(ConfigError, match=r"cavity: the void of 288 mm³ .* is up to 2 mm off it"):
+    with pytest.raises(ConfigError, match=r"chamber: the void of 288 mm³ .* is up to 2 mm off it"):
         build_mesh(load(path))

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from softfuse.robot.file import load, save_edited
-from softfuse.calibration.of_robot import build_adjustments, calibrated_edits
 from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import build_mesh
+
+from softfuse.calibration.of_robot import build_adjustments, calibrated_edits
 from softfuse.errors import ConfigError
+from softfuse.robot.file import load, save_edited
+from softfuse.robot.mesh import build_mesh
 
 Write = Callable[..., Path]
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from softfuse.config.build_sensors import build_sensors
 
 from softfuse.calibration.electrode_baseline import Untouched, untouched
-from softfuse.calibration.electrode_gains import GainFit
-from softfuse.robot.file import load, save_edited
 from softfuse.calibration.electrode_edits import baseline_edits, gain_edits, with_gains
-from softfuse.config.build_sensors import build_sensors
+from softfuse.calibration.electrode_gains import GainFit
 from softfuse.errors import ConfigError
+from softfuse.robot.file import load, save_edited
 
 Write = Callable[..., Path]
 
