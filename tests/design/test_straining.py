@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from softfuse.config.build_device import build_device
 
 from softfuse.body import Body
 from softfuse.design.straining import largest_strain, largest_stretch
