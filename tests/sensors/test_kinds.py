@@ -87,7 +87,7 @@ def test_readings_of_real_parts_are_as_sure_as_they_say(kind: str, parts: Parts)
     # And not so unsure that nothing is told.
     if kind not in ("accelerometer", "attitude"):
         assert np.all(seen.sigma[held] < 0.2 * np.abs(true[held]).max())
-    other = settings_of(kind).simulate(parts, TIME, true, [4], [3, 1])
+    other = settings_of(kind).simulate(parts, TIME, true, [4], [4, 1])
     again = settings_of(kind).simulate(parts, TIME, true, [3], [3, 1])
     assert not np.array_equal(raw[:, : other.shape[1]], other)
     np.testing.assert_array_equal(raw[:, : again.shape[1]], again)
