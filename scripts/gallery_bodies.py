@@ -43,8 +43,8 @@ def pneunet() -> tuple[Solid, Solid]:
     """A strip of 110 x 18 mm with five bellows on it, without its chamber; and the chamber: five cells and
     the channel that connects them.
     """
-    body = box((0, -9, 0), (110, 9, 5)) + box((0, -9, 0), (8, 9, 20)) + box((104, -9, 0), (110, 9, 12))
-    chamber = box((10, -2, 2.2), (102, 2, 4.5))
+    body = box((0, -9, 0), (110, 9, 6)) + box((0, -9, 0), (8, 9, 20)) + box((104, -9, 0), (110, 9, 12))
+    chamber = box((10, -2.5, 2.5), (102, 2.5, 4.5))
     for x in 6.0 + 21.0 * np.arange(5):
         body += box((x, -9, 4), (x + 17, 9, 20))
         chamber += box((x + 2.5, -6.5, 4), (x + 14.5, 6.5, 17.5))

@@ -72,6 +72,7 @@ TABLES: dict[str, dict[str, Any]] = {
         "wavelengths": "1550 nm",
         "temperature_channel": "warm",
     },
+    "base-wrench": {"channels": ["fx", "fy", "fz", "mx", "my", "mz"], "carried": ["one"]},
     "point-pressure": {"channels": ["b"], "point": "tip", "gain": 2.0},
     "indenter": {"channels": ["ix", "iy", "iF"], "contact": "top"},
 }

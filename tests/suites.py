@@ -29,7 +29,7 @@ def suite_of(settings: RobotSettings) -> SensorSuite:
         )
         for k, chamber in enumerate(settings.chambers)
     }
-    cables = {cable.name: CablePart(k) for k, cable in enumerate(settings.cables)}
+    cables = {cable.name: CablePart(k, k) for k, cable in enumerate(settings.cables)}
     contacts = {
         contact.name: ContactPart(DOWN, contact.radius, contact.at_once, *contact.ranges)
         for contact in settings.contacts

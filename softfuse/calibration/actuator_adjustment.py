@@ -29,17 +29,13 @@ class CableZeros(AbstractAdjustment):
     measure: ClassVar[Measure] = Measure.length
     sigma: Float[Array, " b"]
     number: Int[Array, " b"]
-    cables: tuple[str, ...] = eqx.field(static=True)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """After the cables."""
-        return tuple(f"{name} zero" for name in self.cables)
+    names: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
     def of(cls, cables: Sequence[str], number: Int[np.ndarray, " b"], sigma: float) -> Self:
         """Of cables with numbers (b,) among the actuators' drives, with a prior standard deviation [m]."""
-        return cls(jnp.full(len(cables), sigma), jnp.asarray(number), tuple(cables))
+        names = tuple(f"{name} zero" for name in cables)
+        return cls(jnp.full(len(cables), sigma), jnp.asarray(number), names)
 
     def prescribed(self, drive, value):
         """Lengths by which cables are shorter than where they get taut."""
@@ -73,22 +69,17 @@ class CableCompliances(AbstractAdjustment):
 
 
 class DeadVolumes(AbstractAdjustment):
-    """θ (k,): the dead volume of each cavity times exp θ."""
+    """θ (k,): the dead volume of each sealed chamber times exp θ."""
 
     sigma: Float[Array, " k"]
-    chambers: tuple[str, ...] = eqx.field(static=True)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """After the chambers."""
-        return tuple(f"{name} dead volume" for name in self.chambers)
+    names: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
     def of(cls, chambers: Sequence[str], sigma: float) -> Self:
         """Of the gas in all sealed chambers, in the order of their drives, with a prior standard deviation
         [-].
         """
-        return cls(jnp.full(len(chambers), sigma), tuple(chambers))
+        return cls(jnp.full(len(chambers), sigma), tuple(f"{name} dead volume" for name in chambers))
 
     def adjusted(self, device, value):
         """The model with more or less gas behind its chambers."""

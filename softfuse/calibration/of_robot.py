@@ -175,11 +175,17 @@ def _actuator_adjustments(fitted: Fitted) -> list[AbstractAdjustment]:
         most = [cable.max_tension for cable in cables]
         names = [cable.name for cable in cables]
         groups.append(CableCompliances.of(fitted.model, names, most, may.cable_compliance))
-    sealed = [chamber.name for chamber in config.chambers if chamber.gas == "sealed"]
+    sealed = _sealed(fitted)
     if sealed and may.dead_volume:
-        order = sorted(sealed, key=lambda name: fitted.robot.addresses.drives[name])
-        groups.append(DeadVolumes.of(order, may.dead_volume))
+        groups.append(DeadVolumes.of(sealed, may.dead_volume))
     return groups
+
+
+def _sealed(fitted: Fitted) -> list[str]:
+    """The sealed chambers in the order of their drives."""
+    robot = fitted.robot
+    names = [chamber.name for chamber in robot.settings.chambers if chamber.gas == "sealed"]
+    return sorted(names, key=lambda name: robot.addresses.drives[name])
 
 
 def calibrated_edits(fitted: Fitted, adjustments: Adjustments, value: Float[np.ndarray, " p"]) -> Edits:
@@ -210,13 +216,14 @@ def calibrated_edits(fitted: Fitted, adjustments: Adjustments, value: Float[np.n
             case Gains():
                 edits |= _gains(fitted, part)
             case CableZeros():
-                edits |= _zeros(config, dict(zip(group.cables, part, strict=True)))
+                names = [config.cables[k].name for k in np.flatnonzero(fitted.shortened)]
+                edits |= _zeros(config, dict(zip(names, part, strict=True)))
             case CableCompliances():
                 shortened = np.flatnonzero(fitted.shortened)
                 for k, compliance in zip(shortened, group.typical * np.exp(part), strict=True):
                     edits["cable", int(k), "compliance"] = f"{1e3 * float(compliance):.6g} mm/N"
             case DeadVolumes():
-                factors = dict(zip(group.chambers, np.exp(part), strict=True))
+                factors = dict(zip(_sealed(fitted), np.exp(part), strict=True))
                 for k, chamber in enumerate(config.chambers):
                     if chamber.name in factors:
                         dead = 1e9 * chamber.dead_volume * factors[chamber.name]

@@ -61,7 +61,7 @@ def design(
     problem = build_problem(planned, searched)
     with busy("the device as it is", quiet=quiet):
         mesh = build_mesh(searched)
-        own = problem.answered(build_robot(searched, mesh), mesh.cavities, problem.layout.start).model
+        own = problem.answered(build_robot(searched, mesh).model, mesh.cavities, problem.layout.start)
     problem = replace(problem, limits=build_limits(planned, settings, own, limits_of(planned)))
     before = np.asarray(measured(problem.measures, own))
     task = Task(str(plan.resolve()), digest(planned), digest(settings), installed_version())

@@ -1,4 +1,4 @@
-"""The sensors of a robot that gets another number of chambers than it has."""
+"""The chambers of a robot that gets those of a plan, perhaps another number of them, and its sensors on them."""
 
 from collections.abc import Sequence
 
@@ -9,47 +9,69 @@ from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.flow.sensor import FlowSettings
 from softfuse.sensors.pressure.sensor import PressureSettings
 
+OWN = ("name", "centre", "shift", "growth")
+"""What a plan's chamber has of its own: how one was made differs from its drawing."""
+
 
 def with_chambers(plan: DesignPlan, config: RobotSettings) -> RobotSettings:
-    """The robot with the chambers of a plan, and its sensors on them; see `channel_edits` for the errors."""
-    edits = channel_edits(plan, config)
+    """The robot with the chambers of a plan, and its sensors on them; raises ConfigError as `kept_chambers`
+    and `channel_edits` do.
+    """
     sensors = list(config.sensors)
-    for key, value in edits.items():
-        _, k, name = key
-        assert isinstance(k, int) and isinstance(value, list)  # these are lists of a sensor
+    for (_, k, name), value in channel_edits(plan, config).items():
+        assert isinstance(k, int) and isinstance(name, str) and isinstance(value, list)  # of a sensor
         sensors[k] = sensors[k].model_copy(update={name: tuple(value)})
-    first = config.chambers[0]
+    none = (0.0, 0.0, 0.0)
     chambers = tuple(
-        first.model_copy(
-            update={
-                "name": cavity.name,
-                "centre": tuple(cavity.centre),
-                "shift": (0.0, 0.0, 0.0),
-                "growth": (0.0, 0.0, 0.0),
-            }
+        config.chambers[k].model_copy(
+            update={"name": cavity.name, "centre": tuple(cavity.centre), "shift": none, "growth": none}
         )
-        for cavity in plan.cavities
+        for k, cavity in zip(kept_chambers(plan, config), plan.cavities, strict=True)
     )
     return config.model_copy(update={"chambers": chambers, "sensors": tuple(sensors)})
 
 
-def channel_edits(plan: DesignPlan, config: RobotSettings) -> Edits:
-    """The edits of a config that put its flow and pressure sensors on all chambers of a plan: each has its
-    own channel as far as there are some, then one named after the chamber.
+def kept_chambers(plan: DesignPlan, config: RobotSettings) -> list[int]:
+    """Of each chamber of a plan the number of the robot's whose gas and all else it has: its own where there
+    are as many, else that of all.
 
-    Raises ConfigError when the robot has something for each chamber that the plan's cannot have.
+    Raises ConfigError when there are none, or others in number that differ from each other.
     """
-    names = [cavity.name for cavity in plan.cavities]
+    count = len(plan.cavities)
     if not config.chambers:
         raise ConfigError(f"{config.path}: chamber: missing: a design changes the chambers that there are")
+    if count == len(config.chambers):
+        return list(range(count))
+    first, *others = (each.model_dump(exclude=set(OWN)) for each in config.chambers)
+    for key, value in first.items():
+        if any(other[key] != value for other in others):
+            raise ConfigError(
+                f"{plan.path}: cavity: {count} of them, but {config.path} has {len(config.chambers)} chambers "
+                f"that differ in {key}: give all the same, or draw as many"
+            )
+    return [0] * count
+
+
+def channel_edits(plan: DesignPlan, config: RobotSettings) -> Edits:
+    """The edits of a config that put its flow and pressure sensors on the chambers of a plan. Where these are
+    others in number, a sensor has to be on all: each has its own channel as far as there are some, then one
+    named after the chamber.
+
+    Raises ConfigError when a sensor has something for each chamber that the plan's cannot have.
+    """
+    names, before = ([each.name for each in chambers] for chambers in (plan.cavities, config.chambers))
     edits: dict[Key, list[str]] = {}
     for k, sensor in enumerate(config.sensors):
         if not isinstance(sensor, FlowSettings | PressureSettings):
             continue
-        if len(sensor.gain) > 1 and len(names) != len(sensor.chambers):
+        if len(names) == len(before):
+            edits["sensor", k, "chambers"] = [names[before.index(name)] for name in sensor.chambers]
+            continue
+        if len(sensor.gain) > 1 or sorted(sensor.chambers) != sorted(before):
+            what = f"{len(sensor.gain)} values of gain" if len(sensor.gain) > 1 else "only some chambers"
             raise ConfigError(
-                f"{plan.path}: cavity: {len(names)} of them, but {config.path} has {len(sensor.gain)} values "
-                f"of gain of sensor[{k}]: give one for all there, or draw as many chambers"
+                f"{plan.path}: cavity: {len(names)} of them, but sensor[{k}] of {config.path} has {what}: give "
+                "it one for all, or draw as many cavities"
             )
         unit = "V" if isinstance(sensor, FlowSettings) else "pressure V"
         edits["sensor", k, "chambers"] = names

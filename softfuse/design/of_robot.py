@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from tomlkit.items import AoT
 
 from softfuse.design.cable_route import CableRoute
-from softfuse.design.chamber_count import channel_edits, with_chambers
+from softfuse.design.chamber_count import OWN, channel_edits, kept_chambers, with_chambers
 from softfuse.design.electrode_pitch import ElectrodePitch, touched
 from softfuse.design.limits import Limit
 from softfuse.design.objective import (
@@ -361,12 +361,14 @@ def save_designed(
         edits["estimator", "reading_spread"] = None
     for place, value in edits.items():
         edit(document, place, value, config.path)
-    # Of what all chambers have in common, the first one tells; how it was made differs from its drawing.
-    kept = {key: value for key, value in document["chamber"][0].items() if key not in ("shift", "growth")}
+    kept = [
+        {key: value for key, value in document["chamber"][k].items() if key not in OWN}
+        for k in kept_chambers(plan, config)
+    ]
     document["chamber"] = _tables(
         [
-            {**kept, "name": name, "centre": written_centre(*part)}
-            for name, part in zip(names, parts, strict=True)
+            {"name": name, "centre": written_centre(*part), **others}
+            for name, part, others in zip(names, parts, kept, strict=True)
         ]
     )
     return saved(tomlkit.dumps(document), target)

@@ -110,7 +110,7 @@ class PlaceSearch:
         if not (self.sought or told.any()):
             return False
         known = ~np.isnan(seen.sigma_m).any(axis=1)
-        located = ~np.isnan(seen.location_m).any(axis=1)
+        located = np.asarray(~np.isnan(seen.location_m).any(axis=1))
         sought = seen.pressing & told & known
         self._sought = self._sought.next(sought, located, force_N, self._rooms(seen))
         if fit is None:

@@ -108,13 +108,13 @@ def push_response(model: Model, patches: Patches, inverse: Solve, state: State) 
 @eqx.filter_jit
 def push_response_by_factor(
     model: Model, patches: Patches, factor: PyTree[Array], state: State
-) -> Float[np.ndarray, "s k"]:
+) -> Float[Array, "s k"]:
     """`push_response` by a factor of the model's solver, of a tangent not far from the state's."""
     return push_response(model, patches, lambda b: model.linear.solve(factor, b), state)
 
 
 @eqx.filter_jit
-def push_response_at(model: Model, patches: Patches, state: State) -> Float[np.ndarray, "s k"]:
+def push_response_at(model: Model, patches: Patches, state: State) -> Float[Array, "s k"]:
     """`push_response` by a factor of its own."""
     loads, at = _alone(model, state)
     return push_response(model, patches, tangent_at(model.linear, model.body, loads, at), state)

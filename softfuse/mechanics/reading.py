@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from softfuse.body.base import AbstractBody
 from softfuse.functional.base import AbstractFunctional
 from softfuse.mechanics.load import Loads
+from softfuse.mechanics.reaction import Reaction
 from softfuse.mechanics.solution import State
 
 
@@ -111,6 +112,29 @@ class DriveReading(AbstractReading):
     def of(self, at):
         """The drives."""
         return at.drives[np.array(self.numbers, int)]
+
+
+class ReactionReading(AbstractReading):
+    """Force [N] and moment [N m] with which the body is held, minus those at rest, which carry its weight;
+    `carried`: actuators by number whose other end is on the body's side.
+    """
+
+    reaction: Reaction
+    carried: tuple[int, ...] = eqx.field(static=True)
+
+    @property
+    def count(self):
+        """Three forces and three moments."""
+        return 6
+
+    def of(self, at):
+        """R(z) − R(0)."""
+        pressing = at.contacts.parts
+        loads = Loads((*pressing, *at.actuators.parts))
+        internal = tuple(len(pressing) + number for number in self.carried)
+        held = Reaction(self.reaction.origin, self.reaction.rotation, internal)
+        nothing = State.rest(at.body, Loads(()))
+        return held.value(at.body, loads, at.state) - self.reaction.value(at.body, Loads(()), nothing)
 
 
 class JointReading(AbstractReading):

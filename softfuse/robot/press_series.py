@@ -94,7 +94,7 @@ def swept_model(robot: Robot, shortened: tuple[bool, ...]) -> Model:
     ]
     readings: list[AbstractReading] = [AnswerReading((drives[each.name],)) for each in robot.settings.cables]
     readings += [ShapeReading(part.cavity) for part in robot.parts.chambers.values()]
-    readings += [AnswerReading((part.drive,)) for part in robot.parts.chambers.values() if part.sealed]
+    readings += [AnswerReading((drives[name],)) for name, part in robot.parts.chambers.items() if part.sealed]
     return replace(model, actuators=(*cables, *model.actuators[count:]), readings=tuple(readings))
 
 

@@ -165,7 +165,7 @@ def build_robot(settings: RobotSettings, mesh: RobotMesh | None = None) -> Robot
             )
             for chamber in settings.chambers
         },
-        cables={cable.name: CablePart(drives[cable.name]) for cable in settings.cables},
+        cables={cable.name: CablePart(drives[cable.name], k) for k, cable in enumerate(settings.cables)},
         contacts={
             contact.name: ContactPart(
                 contact.chart(faces, mesh.mesh.nodes), contact.radius, contact.at_once, *contact.ranges

@@ -111,6 +111,11 @@ class ProjectedPatches(AbstractContact):
         number = jnp.argmin(jnp.sum((self.points - place[0]) ** 2, axis=1))
         return NormalPatches(PlacePorts(self.rest[number], self.slopes[number], self.drives))
 
+    def overlap(self, body, place):
+        """All of it: what a chart is made for lies on the surface."""
+        del body, place
+        return jnp.ones(())
+
 
 class ProjectedDiscs(AbstractContact):
     """Discs anywhere on a surface: `disc` on faces of watched nodes, numbered among these, w otherwise;
@@ -142,6 +147,11 @@ class ProjectedDiscs(AbstractContact):
         heights = disc.heights(eqx.tree_at(lambda o: o.nodes, on, nodes), body.rest)
         cell, along = disc.cells.cell, disc.surface.direction
         return Punch.on(CellPorts(heights, slopes, along, nodes, parts, cell), disc, body)
+
+    def overlap(self, body, place):
+        """All of it: what a chart is made for lies on the surface."""
+        del body, place
+        return jnp.ones(())
 
 
 def projected_discs(contact: PunchContact, small: ReducedBody) -> ProjectedDiscs:

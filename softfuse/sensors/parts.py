@@ -37,11 +37,12 @@ class ChamberPart:
 
 @dataclass(frozen=True, eq=False)
 class CablePart:
-    """A pulled cable: its number among the actuators' drives; its tension is the drive, its shortening the
-    answer.
+    """A pulled cable: its number among the actuators' drives, and among their loads; its tension is the
+    drive, its shortening the answer.
     """
 
     drive: int
+    load: int
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from softfuse.sensors.base import SensorSettings
+from softfuse.sensors.base_wrench import BaseWrenchSettings
 from softfuse.sensors.cable_length import CableLengthSettings
 from softfuse.sensors.cable_tension import CableTensionSettings
 from softfuse.sensors.crossed.settings import CrossedSettings
@@ -38,6 +39,7 @@ SENSORS: Mapping[str, type[SensorSettings]] = MappingProxyType(
         "dielectric-sheet": SheetSettings,
         "bragg-gratings": BraggSettings,
         "point-pressure": PointPressureSettings,
+        "base-wrench": BaseWrenchSettings,
         "indenter": IndenterSettings,
     }
 )

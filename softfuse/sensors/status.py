@@ -4,21 +4,13 @@ from enum import StrEnum
 
 
 class Status(StrEnum):
-    """All that `status` in estimates.csv may say."""
+    """All that `status` in estimates.csv may say, besides what each sensor says of itself, by its name."""
 
     ok = "ok"
     no_contact = "no contact"
     bad_time = "time missing or not believed"
     clock_anew = "clock taken anew"
-    flow_missing = "flow missing"
-    flow_saturated = "flow saturated"
-    volume_unknown = "no volume known"
     nothing_measured = "nothing measured"
-    pressure_missing = "pressure missing"
-    pressure_range = "pressure out of range"
-    leak = "cavity leaks"
-    cable_missing = "cable length missing"
-    electrode_lost = "electrode lost"
     location_unknown = "location unknown"
     unseen = "not seen by electrodes"
     outside = "outside workspace"

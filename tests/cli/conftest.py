@@ -12,21 +12,20 @@ from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.tetmesh import tet_mesh
 
 BAR = """
-device.name = "bar"
-contact = {model = "patch", radius = "2 mm", max_force = "5 N", max_contacts = 1}
-electrode = [{name = "side", centre = ["15 mm", "0 mm", "5 mm"], direction = [0, 1, 0]}]
-
-[[cable]]
-name = "c"
-guides = [["5 mm", "5 mm", "7 mm"], ["15 mm", "5 mm", "7 mm"]]
-pulled_at = ["-5 mm", "5 mm", "7 mm"]
-max_tension = "200 N"
+[robot]
+name = "bar"
 
 [body]
 element = "linear"
 source = {type = "mesh", file = "bar.vtu", unit = "mm"}
 fixed = {x = ["0 mm", "0 mm"]}
 material = [{law = "neo-hookean", young = "100 kPa", poisson = 0.45}]
+
+[[cable]]
+name = "c"
+guides = [["5 mm", "5 mm", "7 mm"], ["15 mm", "5 mm", "7 mm"]]
+pulled_at = ["-5 mm", "5 mm", "7 mm"]
+max_tension = "200 N"
 """
 
 

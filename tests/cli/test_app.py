@@ -163,7 +163,7 @@ def test_what_cannot_be_written_is_told_before_any_work(
     def begun(*_: object) -> None:
         raise AssertionError("the command has begun")
 
-    monkeypatch.setattr("softfuse.config.file.parse", begun)
+    monkeypatch.setattr("softfuse.robot.file.parse", begun)
     (tmp_path / "file").write_text("")
     places = {"pad": PAD, "out": tmp_path / "no" / "x", "file": tmp_path / "file"}
     assert code_of(*(part.format(**places) for part in command)) == 2

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softfuse.design.cable_route import CableRoute
-from softfuse.design.chamber_count import channel_edits
+from softfuse.design.chamber_count import channel_edits, with_chambers
 from softfuse.design.objective import Answers, PairError, Unevenness
 from softfuse.design.of_robot import (
     build_layout,
@@ -27,6 +27,9 @@ from softfuse.errors import ConfigError
 from softfuse.robot.file import load
 from softfuse.robot.layout.layout_mesh import layout_mesh
 from softfuse.robot.layout.thickness import wall_names, wall_thicknesses
+from softfuse.robot.mesh import build_mesh
+from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.pressure.sensor import PressureSettings
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PAD, FINGER = CONFIGS / "design_pad.toml", CONFIGS / "design_finger.toml"
@@ -57,7 +60,7 @@ def test_the_examples_can_be_made_as_drawn(path) -> None:
     np.testing.assert_array_equal(layout.start, 0.0)
     thickness = np.asarray(wall_thicknesses(layout, jnp.asarray(layout.start)))
     assert (thickness >= problem.walls.least(layout) - 1e-9).all()
-    assert len(problem.noise) == len(config.cavities) + len(config.cables)
+    assert len(problem.noise) == len(config.chambers) + len(config.cables)
 
 
 def test_the_pad_is_pressed_on_half_of_the_papers_places() -> None:
@@ -84,7 +87,7 @@ def test_pairs_are_numbers_of_presses() -> None:
     config = load(plan.device)
     objective = build_problem(plan, config).objective
     assert isinstance(objective, PairError)
-    names = [electrode.name for electrode in config.electrodes]
+    names = list(config.places)
     assert [[names[k] for k in pair] for pair in objective.pairs] == [
         list(pair) for pair in plan.objective.pairs
     ]
@@ -190,9 +193,9 @@ def test_the_config_of_what_is_found_is_that_device(path, tmp_path) -> None:
     saved = save_designed(plan, config, mesh, theta, target)
     designed = load(target)
     assert designed == saved
-    assert [cavity.name for cavity in designed.cavities] == [cavity.name for cavity in plan.cavities]
+    assert [chamber.name for chamber in designed.chambers] == [cavity.name for cavity in plan.cavities]
     assert designed.body.materials == config.body.materials
-    made, again = mesh.mesh(theta), designed.body.source.mesh([each.centre for each in designed.cavities])
+    made, again = mesh.mesh(theta), build_mesh(designed).mesh
     assert len(made.nodes) == len(again.nodes)
     np.testing.assert_allclose(again.nodes, made.nodes, atol=1e-9)
 
@@ -288,8 +291,9 @@ def test_lines_of_electrodes_follow_their_pitch(changed, tmp_path, device) -> No
     mesh = layout_mesh(problem.layout, theta, problem.fineness)
     for name, at in (("drawn", 0.0 * theta), ("nearer", theta)):
         designed = save_designed(plan, config, mesh, at, tmp_path / f"{name}.toml")
-        lines = designed.sensors.grid or designed.sensors.capacitive
-        drawn = config.sensors.grid or config.sensors.capacitive
+        (lines,), (drawn,) = (
+            [sensor for sensor in each.sensors if hasattr(sensor, "row_y")] for each in (designed, config)
+        )
         for own, before in ((lines.row_y, drawn.row_y), (lines.column_x, drawn.column_x)):
             np.testing.assert_allclose(np.diff(own), np.diff(before) + at.sum(), atol=1e-12)
             assert np.mean(own) == pytest.approx(0.0, abs=1e-12)
@@ -313,8 +317,10 @@ def test_a_plan_may_draw_another_number_of_cavities(changed, tmp_path) -> None:
     start = problem.layout.start
     mesh = layout_mesh(problem.layout, start, problem.fineness)
     saved = save_designed(more, config, mesh, start, tmp_path / "more.toml")
-    assert saved.sensors.flow.channels == (*config.sensors.flow.channels, "middle V")
-    assert len(saved.cavities) == len(saved.body.source.shapes) == 5
+    (own,), (flow,) = (each.sensors_of(FlowSettings) for each in (config, saved))
+    assert flow.channels == (*own.channels, "middle V")
+    assert flow.chambers == tuple(cavity.name for cavity in more.cavities)
+    assert len(saved.chambers) == len(saved.body.source.shapes) == 5
     assert len(problem.noise) == 5
 
 
@@ -338,9 +344,18 @@ def test_what_each_cavity_has_of_its_own_is_not_guessed(changed) -> None:
     plan = load_design(FINGER)
     config = load(plan.device)
     fewer = plan.model_copy(update={"cavities": plan.cavities[:4]})
-    each = config.model_copy(update={"gas": config.gas.model_copy(update={"dead_volume": (1e-7,) * 6})})
-    with pytest.raises(ConfigError, match="6 values of gas.dead_volume"):
-        channel_edits(fewer, each)
+    chambers = list(config.chambers)
+    chambers[0] = chambers[0].model_copy(update={"dead_volume": 2e-7})
+    differing = config.model_copy(update={"chambers": tuple(chambers)})
+    with pytest.raises(ConfigError, match="6 chambers that differ in dead_volume"):
+        with_chambers(fewer, differing)
+    (pressure,) = config.sensors_of(PressureSettings)
+    for update, told in (({"gain": (0.9,) * 6}, "6 values of gain"), ({"chambers": ("base left",)}, "some")):
+        sensors = (pressure.model_copy(update=update), *config.sensors[1:])
+        with pytest.raises(ConfigError, match=told):
+            channel_edits(fewer, config.model_copy(update={"sensors": sensors}))
     assert channel_edits(fewer, config) == {
-        ("sensors", "pressure", "channels"): list(config.sensors.pressure.channels[:4])
+        ("sensor", 0, "chambers"): [cavity.name for cavity in fewer.cavities],
+        ("sensor", 0, "channels"): list(pressure.channels[:4]),
     }
+    assert [chamber.dead_volume for chamber in with_chambers(plan, differing).chambers][:2] == [2e-7, 1e-7]

@@ -4,17 +4,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from softfuse.config.build_device import build_device
 
 from softfuse.body import Body
 from softfuse.design.straining import largest_strain, largest_stretch
 from softfuse.robot.file import load
+from softfuse.robot.robot import build_robot
 
 
 @pytest.fixture(scope="module")
 def body(coarse) -> Body:
     """The pad on the coarsest mesh."""
-    made = build_device(load(coarse)).body
+    made = build_robot(load(coarse)).model.body
     assert isinstance(made, Body)
     return made
 

@@ -3,7 +3,6 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from softfuse.config.build_device import build_device
 
 from softfuse.design.facing import Facing
 from softfuse.design.straining import largest_strain
@@ -12,7 +11,7 @@ from softfuse.errors import SolveError
 from softfuse.estimation.rest_response import rest_response
 from softfuse.functional.chart import facing
 from softfuse.robot.file import load
-from softfuse.robot.mesh import build_mesh
+from softfuse.robot.robot import build_robot
 
 PLACES = jnp.asarray(facing(np.array([[0.012, -0.015, 0.0], [-0.01, 0.016, 0.0]]), (0, 0, -1)))
 
@@ -20,9 +19,8 @@ PLACES = jnp.asarray(facing(np.array([[0.012, -0.015, 0.0], [-0.01, 0.016, 0.0]]
 @pytest.fixture(scope="module")
 def pad(coarse):
     """The pad on the coarsest mesh."""
-    config = load(coarse)
-    mesh = build_mesh(config)
-    return build_device(config, mesh), [wall.faces for wall in mesh.cavities]
+    robot = build_robot(load(coarse))
+    return robot.model, [wall.faces for wall in robot.mesh.cavities]
 
 
 def test_a_small_force_is_answered_as_at_rest(pad) -> None:

@@ -227,6 +227,7 @@ def test_gradient_in_radius_and_rest_nodes_is_that_of_differences(block) -> None
 
 
 def test_what_overhangs_an_edge_carries_nothing(block) -> None:
+    """And what meets the body carries the whole of the cell's force."""
     body, surface = _body(block), _surface(block, DOWN)
     cells = uniform(rings=40, angles=128)
     where = RADIUS * np.asarray(cells.points @ surface.tangents)
@@ -234,10 +235,14 @@ def test_what_overhangs_an_edge_carries_nothing(block) -> None:
         contact = _contact(surface, cells, np.array([SIZE + t * RADIUS, 0.5 * SIZE, HEIGHT]))
         inside = float(np.mean(where[:, 0] + t * RADIUS < 0))
         np.testing.assert_allclose(_overlap(contact, body), inside, rtol=0, atol=1e-14)
-        c = np.clip(t, -1, 1)
-        segment = (np.arccos(c) - c * np.sqrt(1 - c * c)) / np.pi
-        total = _nodal(body, _rows(contact, body)).sum(axis=(0, 2))
-        np.testing.assert_allclose(total, segment * DOWN, rtol=0, atol=5e-3)
+        nodal = _nodal(body, _rows(contact, body))
+        np.testing.assert_allclose(nodal.sum(axis=(0, 2)), (t < 1) * DOWN, rtol=0, atol=1e-12)
+        # It acts in the middle of the circular segment.
+        c = np.clip(t, -0.999, 0.999)
+        area = np.arccos(c) - c * np.sqrt(1 - c * c)
+        middle = SIZE + RADIUS * (t - 2 / 3 * (1 - c * c) ** 1.5 / area)
+        along = np.asarray(body.rest)[:, 0] @ (nodal.sum(axis=2) @ DOWN)
+        np.testing.assert_allclose(along, (t < 1) * middle, atol=0.02 * RADIUS)
         assert not np.any(np.isnan(_slope(contact.location, contact, body, np.ones(body.n))))
 
 

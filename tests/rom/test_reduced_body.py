@@ -15,6 +15,7 @@ from softfuse.errors import SolveError
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
+from softfuse.functional import EmbeddedLine, PointPressure
 from softfuse.functional.chart import facing
 from softfuse.material import MooneyRivlin, NeoHookean
 from softfuse.mechanics.load import Loads
@@ -137,6 +138,17 @@ def test_with_all_points_it_is_the_projection_of_the_full_body(heavy: Body, beyo
     found = np.ravel(reduced.volume_ratios(jnp.asarray(z)))
     np.testing.assert_allclose(np.sort(found), np.sort(np.ravel(ratios)), rtol=1e-12)
     assert float(reduced.volume) == pytest.approx(float(heavy.volume))
+    place = np.array([22 * MM, 4 * MM, 9 * MM])
+    line = EmbeddedLine.of(heavy, MM * np.array([[-25.0, -12.0, 2.0], [25.0, 12.0, 4.0]]))
+    for functional in (PointPressure.of(heavy, place, 2 * MM), line):
+        change = jax.jit(type(functional).change)
+        np.testing.assert_allclose(
+            change(functional, reduced, jnp.asarray(z)),
+            change(functional, heavy, jnp.asarray(modes @ z)),
+            rtol=1e-9,
+        )
+    whole = heavy.weight_resultant(jnp.asarray(modes @ z))
+    np.testing.assert_allclose(reduced.weight_resultant(jnp.asarray(z)), whole, rtol=1e-10)
 
 
 def test_its_tangent_is_the_slope_of_its_residual(taught: Taught) -> None:

@@ -35,7 +35,7 @@ def parts() -> Parts:
             "sealed": ChamberPart(left, 0, sealed=True, rest_volume=4e-6, dead_volume=1e-6),
             "driven": ChamberPart(right, 1),
         },
-        {"one": CablePart(2), "other": CablePart(3)},
+        {"one": CablePart(2, 0), "other": CablePart(3, 1)},
         {"top": ContactPart(down, 10 * MM, 1, low, high), "skin": ContactPart(None, 5 * MM, 1)},
         {"tip": np.array([0.0, 0.0, 15.0]) * MM},
     )

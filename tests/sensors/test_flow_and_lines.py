@@ -1,4 +1,4 @@
-"""Flow sensors and crossed lines together, on two recorded presses with truth and on damaged versions of them."""
+"""Flow sensors and crossed lines together, on two recorded presses with truth and on damaged ones."""
 
 import equinox as eqx
 import jax

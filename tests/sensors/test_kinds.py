@@ -31,6 +31,7 @@ MEASURING = {
     "dielectric-sheet": 0.2,
     "bragg-gratings": 20.0,
     "point-pressure": 20e3,
+    "base-wrench": 1.0,
 }
 """Kinds that measure, and how much of it is much."""
 
@@ -53,7 +54,7 @@ def frames(kind: str, parts: Parts, *, seed: int | None):
     if kind == "bragg-gratings":
         true[:, ::3] *= 1e-4  # strains, not curvatures
     ideal = settings.ideal(parts, TIME, true)
-    raw = ideal if seed is None else settings.simulate(parts, TIME, true, [seed])
+    raw = ideal if seed is None else settings.simulate(parts, TIME, true, [seed], [seed, 1])
     pressed = np.stack([0.0 * TIME, 0.0 * TIME, np.where(PRESSED, 1.0, 0.0)], axis=1)
     suite = SensorSuite.of([settings, stage], parts)
     return suite, true, np.concatenate([raw, pressed], axis=1)
@@ -86,8 +87,8 @@ def test_readings_of_real_parts_are_as_sure_as_they_say(kind: str, parts: Parts)
     # And not so unsure that nothing is told.
     if kind not in ("accelerometer", "attitude"):
         assert np.all(seen.sigma[held] < 0.2 * np.abs(true[held]).max())
-    other = settings_of(kind).simulate(parts, TIME, true, [4])
-    again = settings_of(kind).simulate(parts, TIME, true, [3])
+    other = settings_of(kind).simulate(parts, TIME, true, [4], [4, 1])
+    again = settings_of(kind).simulate(parts, TIME, true, [3], [3, 1])
     assert not np.array_equal(raw[:, : other.shape[1]], other)
     np.testing.assert_array_equal(raw[:, : again.shape[1]], again)
 
@@ -151,7 +152,7 @@ def test_every_key_is_read(kind: str, parts: Parts) -> None:
         else:
             assert functional is None
             values = np.stack([settings.signal(parts, [contact], settings.points(parts))] * 2)
-        raw = settings.simulate(parts, TIME[:2], values, [1])
+        raw = settings.simulate(parts, TIME[:2], values, [1], [2])
         assert raw.shape == (2, len(settings.columns)) and settings.columns == sensor.channels
         assert np.isfinite(raw).all()
 

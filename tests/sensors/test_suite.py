@@ -46,7 +46,7 @@ def test_sealed_gas_tells_of_a_touch_that_lines_do_not_see(parts: Parts) -> None
     time = 0.01 * np.arange(4000)
     # Held for longer than an outflow could last.
     pressed = np.interp(time, [4.0, 4.5, 32.0, 32.5], [0.0, 1.0, 1.0, 0.0])
-    raw = pressure.simulate(parts, time, pressed[:, None] * np.array([4e3, -300.0]), [2])
+    raw = pressure.simulate(parts, time, pressed[:, None] * np.array([4e3, -300.0]), [2], [2, 1])
     suite = SensorSuite.of([pressure, settings_of("crossed-diamonds")], parts)
     assert suite.misses and not suite.blind
     seen = run(suite, time, [raw, idle_lines(len(time))])

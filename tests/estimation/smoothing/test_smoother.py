@@ -91,7 +91,6 @@ def made(force: np.ndarray, rng: np.random.Generator, jumps: np.ndarray | float 
     state = rng.multivariate_normal(np.zeros(3), START, 4)
     covariance = np.broadcast_to(START, (4, 3, 3))
     wrong = 1 + PART * rng.normal(size=4)
-    # All sensors are alike.
     transition, noise = (each[0] for each in DRIFT.step(DT, DT))
     found, drifts, jumped = [], [], np.broadcast_to(np.cumsum(jumps, axis=0), (len(force), 4))
     for k, each in enumerate(force):

@@ -153,9 +153,7 @@ def test_places_are_pressed_recorded_and_not_pressed_again(run, bed, controller,
     assert run(*arguments) == 0
     assert "press 0 at (-30.00, 12.50) mm: " in capsys.readouterr().out
 
-    sensors = load(config).sensors
-    assert sensors is not None
-    recording = read_recording(table, sensors.channels)
+    recording = read_recording(table, load(config).channels)
     columns = recording.columns
     at = sample_frames(recording)
     assert columns["sample"][at].tolist() == [1, 2] and columns["press"][at].tolist() == [0, 0]
