@@ -13,10 +13,10 @@ import time
 from pathlib import Path
 
 import numpy as np
-
-from softfuse.cli import main
 from softfuse.cli.felt_presses import parse_presses
 from softfuse.cli.recorded import sample_frames
+
+from softfuse.cli import main
 from softfuse.experiment.accuracy import Samples, coverage, force_table
 from softfuse.hardware.recording import read_recording
 

@@ -7,7 +7,7 @@ Each run is a new Python process that goes from its first import to the first fr
 something touches, through the Python API or as `softfuse estimate` does, on the full body or on its charts.
 Every first run has an empty JAX compilation cache of its own, the others the one that it left. Printed and
 written to cold_start.json: medians over the runs of wall time and of CPU time of all threads, for each phase:
-the imports, config, mesh, device, tracker (with the seconds that JAX spent tracing, lowering and in XLA), the
+the imports, config, mesh, robot, tracker (with the seconds that JAX spent tracing, lowering and in XLA), the
 frames up to the estimate, and in all, interpreter included; of the command, all that comes before the
 tracker's first frame is one phase.
 """
@@ -32,7 +32,7 @@ JAX_PHASES = {
     "/jax/core/compile/backend_compile_duration": "compile",
 }
 """JAX's own events; those of programs compiled at once overlap, and a hit in the cache is one too."""
-ROWS = ("import", "config", "mesh", "device", "tracker", "first estimate", "all")
+ROWS = ("import", "config", "mesh", "robot", "tracker", "first estimate", "all")
 
 
 class Phases:
@@ -70,13 +70,12 @@ def through_api(given: argparse.Namespace) -> None:
     """The phases of the Python API in this process."""
     phases = Phases()
     from softfuse.computing import prepare_jax
-    from softfuse.cli.recorded import sensor_columns, sensor_frames
+    from softfuse.estimation.tracker import Tracker
+    from softfuse.report.recorded import read_sensors, sensor_frames
     from softfuse.robot.file import load
-    from softfuse.config.build_device import build_device
     from softfuse.robot.mesh import build_mesh
     from softfuse.robot.reduced import with_charts
-    from softfuse.config.build_tracker import build_tracker
-    from softfuse.hardware.recording import read_recording
+    from softfuse.robot.robot import build_robot
 
     prepare_jax()
     phases.end("import")
@@ -85,11 +84,12 @@ def through_api(given: argparse.Namespace) -> None:
     phases.end("config")
     mesh = build_mesh(settings)
     phases.end("mesh")
-    device = with_charts(settings, build_device(settings, mesh), given.charts)
-    phases.end("device")
-    tracker = build_tracker(settings, device)
+    robot = build_robot(settings, mesh)
+    model = with_charts(robot, given.charts)
+    phases.end("robot")
+    tracker = Tracker(robot, model)
     phases.end("tracker")
-    frames = sensor_frames(settings, read_recording(given.recording, sensor_columns(settings)))
+    frames = sensor_frames(settings, read_sensors(settings, given.recording))
     any(np.isfinite(found.misfit).any() for found in map(tracker.update, frames))
     phases.end("first estimate")
     phases.tell()
@@ -103,18 +103,18 @@ def through_command(given: argparse.Namespace) -> None:
 
     phases.end("import")
     phases.listen()
-    update = Tracker.update
+    estimate = Tracker.estimate
 
-    def watched(self, frame):
+    def watched(self, time_s, finding):
         if "tracker" not in phases.seconds:
             phases.end("tracker")
-        found = update(self, frame)
+        found = estimate(self, time_s, finding)
         if np.isfinite(found.misfit).any():
             phases.end("first estimate")
             phases.tell()
         return found
 
-    Tracker.update = watched
+    Tracker.estimate = watched
     charts = ["--charts", str(given.charts)] if given.charts else []
     told = ["--out", str(given.out / "estimated"), "--quiet", *charts]
     main(["estimate", str(given.config), str(given.recording), *told])

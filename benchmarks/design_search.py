@@ -25,13 +25,13 @@ import numpy as np
 from scipy.optimize import minimize
 
 from softfuse.computing import prepare_jax
-from softfuse.robot.file import load
-from softfuse.design.of_robot import build_limits, build_problem, finer_config
-from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import build_mesh
-from softfuse.design.plan import load_design
 from softfuse.design.limits import room, room_slopes
+from softfuse.design.of_robot import build_limits, build_problem, finer_config
+from softfuse.design.plan import load_design
 from softfuse.design.problem import Geometry, MeshedProblem, Problem
+from softfuse.robot.file import load
+from softfuse.robot.mesh import build_mesh
+from softfuse.robot.robot import build_robot
 
 _KEPT = 1e-3
 """By how many parts of a limit, or millimetres of wall, a layout may miss these."""
@@ -167,7 +167,7 @@ def main() -> None:
     config = finer_config(load(plan.device), 1.0 / given.coarser)
     problem = build_problem(plan, config)
     own = build_mesh(config)
-    answers = problem.answered(build_device(config, own), own.cavities, problem.layout.start)
+    answers = problem.answered(build_robot(config, own).model, own.cavities, problem.layout.start)
     problem = replace(problem, limits=build_limits(plan, config, answers, plan.limits))
     layout = problem.layout
     geometry = Geometry(layout, problem.walls, problem.guides)

@@ -17,21 +17,21 @@ import argparse
 from pathlib import Path
 
 import numpy as np
-
-from softfuse.computing import prepare_jax
-from softfuse.robot.file import load
-from softfuse.robot.settings import RobotSettings
 from softfuse.config.build_device import build_device
-from softfuse.experiment.build_evaluation import build_bed
 from softfuse.config.build_tracker import build_tracker
+from softfuse.experiment.build_evaluation import build_bed
 from softfuse.experiment.build_virtual_pad import PadPlan
-from softfuse.estimation.tracked import Frame
-from softfuse.experiment.accuracy import NINETY
 from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadBed, pad_touches
 from softfuse.experiment.virtual_pad import Touch
 from softfuse.fusion.fusion import Fusion, fused_recording
+
+from softfuse.computing import prepare_jax
+from softfuse.estimation.tracked import Frame
+from softfuse.experiment.accuracy import NINETY
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 
 PLACES_MM = (
     (-17.0, -17.0),

@@ -33,23 +33,23 @@ import numpy as np
 from resident import resident_mb
 
 from softfuse.computing import prepare_jax
-from softfuse.cli.live_parts import Estimating, estimating
-from softfuse.hardware.source.configured import connection_of, driver_of
-from softfuse.robot.file import load
-from softfuse.robot.source import SoftfuseSource
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.live.session import Session, SessionReport
 from softfuse.hardware.record.entries import SessionInfo, SourceInfo
 from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.hardware.stream import HostClock, Notice
+from softfuse.report.live import LiveEstimates
+from softfuse.robot.file import load
+from softfuse.robot.source import SoftfuseSource
 
 _STEPS = 20
 Memory = list[tuple[float, float]]
 """Least and most [MB] in each step of the way."""
 
 
-def soak(parts: Estimating, url: str, record: Path, frames: int) -> tuple[SessionReport, float, Memory]:
+def soak(parts: LiveEstimates, url: str, record: Path, frames: int) -> tuple[SessionReport, float, Memory]:
     """Run for so many frames: the report, frames per second, memory."""
     clock = HostClock()
     source = SoftfuseSource(driver="softfuse", url=url, baud=115200)
@@ -60,12 +60,12 @@ def soak(parts: Estimating, url: str, record: Path, frames: int) -> tuple[Sessio
 
     info = SessionInfo(
         channels=parts.channels,
-        estimates=parts.columns,
+        estimates=parts.kinds,
         sources=(SourceInfo(source.url, source.driver),),
     )
     session = Session(
         Pipeline(parts.channels, [driver]),
-        parts.follower,
+        parts,
         clock,
         send=lambda source, data: connection.send(data),
         notify=[tell],
@@ -86,7 +86,7 @@ def soak(parts: Estimating, url: str, record: Path, frames: int) -> tuple[Sessio
     return session.report, rate, [(min(part), max(part)) for part in memory if part]
 
 
-def recorded(parts: Estimating, path: Path) -> dict[str, Any]:
+def recorded(parts: LiveEstimates, path: Path) -> dict[str, Any]:
     """What the file holds, and whether its bytes give its frames again."""
     session = read_session(path)
     pipeline = Pipeline(parts.channels, [driver_of(SoftfuseSource(driver="softfuse", url="x", baud=115200))])
@@ -115,7 +115,7 @@ def main() -> int:
     parser.add_argument("--rate", default="max")
     arguments = parser.parse_args()
     prepare_jax()
-    parts = estimating(load(arguments.config))
+    parts = LiveEstimates.built(load(arguments.config))
     with tempfile.TemporaryDirectory() as folder:
         port, record = Path(folder) / "port", Path(folder) / "session.mcap"
         command = ["softfuse", "virtual-device", str(arguments.config), "--rate", arguments.rate]

@@ -18,10 +18,11 @@ import jax.numpy as jnp
 import numpy as np
 from pad_meshes import CONFIG, pad_on
 
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device, with_contact_model
 from softfuse.functional.chart import facing
+from softfuse.functional.pressure_cells import flat_punch, uniform
 from softfuse.mechanics.model import simulate
+from softfuse.robot.file import load
+from softfuse.robot.robot import build_robot
 
 DATA = CONFIG.parents[1] / "tests" / "data"
 
@@ -31,7 +32,8 @@ def errors(device, cases: list[dict[str, Any]]) -> list[float]:
     solve = eqx.filter_jit(lambda d, at, f: d.reading(simulate(d, at, f).state))
     found = []
     for case in cases:
-        pressed = with_contact_model(device, case["contact"])
+        cells = {"punch": flat_punch, "uniform": uniform}[case["contact"]]()
+        pressed = eqx.tree_at(lambda d: d.contacts[0].disc.cells, device, cells)
         at = facing(1e-3 * np.array([[*case["at"], 0.0]]), (0, 0, -1))
         change = 1e9 * np.asarray(solve(pressed, at, jnp.array([case["force_N"]])))
         true = np.array(case["volume_change_mm3"])
@@ -78,7 +80,7 @@ def main() -> None:
     ]
     rows = []
     for config in configs:
-        device = build_device(config)
+        device = build_robot(config).model
         row: dict[str, Any] = {"nodes": device.body.n_nodes, "dof": device.body.n}
         for source, cases in (("reference", reference), ("converged", converged)):
             kept = ("contact", "at", "force_N")

@@ -23,14 +23,14 @@ from live_frames import compilations, latencies, to_and_fro, wait_until_compiled
 
 from softfuse.body.body import Body
 from softfuse.computing import prepare_jax
-from softfuse.config import load
-from softfuse.config.build_device import build_device, build_limits, build_step_settings, electrode_places
-from softfuse.config.build_reduction import Teacher, build_regions, reduction_mark
-from softfuse.config.device import DeviceConfig
+from softfuse.estimation.bounds import limits_of, step_settings
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.step import Observation
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
+from softfuse.robot.file import load
+from softfuse.robot.reduced import Teacher, build_regions, reduction_mark
+from softfuse.robot.robot import Robot, build_robot
 from softfuse.rom.atlas import AtlasFolder
 from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import rest_stiffness
@@ -39,6 +39,11 @@ from softfuse.rom.rom_file import Kept, kept_sizes, read_device
 PER_LOAD, SOLVED_EVERY = 2000, 50
 SIGMA_M, SIGMA_PA = 5e-5, 10.0
 CONFIG = Path(__file__).parents[1] / "configs" / "finger.toml"
+
+
+def places_of(robot: Robot) -> np.ndarray:
+    """The places (e, 3, 3) of its electrodes."""
+    return np.array([*robot.settings.places.values()])
 
 
 def taught(teacher: Teacher, electrode: int, folder: Path) -> tuple[Kept, float]:
@@ -51,7 +56,7 @@ def taught(teacher: Teacher, electrode: int, folder: Path) -> tuple[Kept, float]
         chart = teacher.chart(electrode)
         charts.write(
             electrode,
-            reduced_model(device, teacher.stiffness, chart, electrode_places(teacher.config)),
+            reduced_model(device, teacher.stiffness, chart, places_of(teacher.robot)),
             chart.basis,
         )
     taken = time.perf_counter() - began
@@ -62,7 +67,7 @@ def taught(teacher: Teacher, electrode: int, folder: Path) -> tuple[Kept, float]
 def drives(teacher: Teacher, electrode: int, largest_force: float, cases: int) -> np.ndarray:
     """Random drives (c, D) of all patches, up to a force [N] in all, and of the cable."""
     random, device, tension = np.random.default_rng(11), teacher.device, teacher.config.reduction.tension
-    patches, place = device.contacts[0].drives, electrode_places(teacher.config)[[electrode]]
+    patches, place = device.contacts[0].drives, places_of(teacher.robot)[[electrode]]
     assert tension is not None
     found = np.tile(np.asarray(device.rest_state(place).drive), (cases, 1))
     share = random.dirichlet(np.ones(patches), cases)
@@ -117,12 +122,12 @@ def way(small: Model, place: jax.Array, wanted: np.ndarray, readings: np.ndarray
 
 
 def frame_times(
-    config: RobotSettings, kept: Kept, place: jax.Array, wanted: np.ndarray, through: np.ndarray, frames: int
+    robot: Robot, kept: Kept, place: jax.Array, wanted: np.ndarray, through: np.ndarray, frames: int
 ) -> dict[str, object]:
     """Latencies [ms] of estimate, shape and both, 50 and 99 %; how often programs were traced or compiled, a
     factor made anew and a state lost; and how far off the tension is at the loads [N], 50 % and the largest.
     """
-    estimator = Estimator(kept.device, build_limits(config, 1), place, build_step_settings(config))
+    estimator = Estimator(kept.device, limits_of(robot), place, step_settings(robot))
     whitening = np.eye(through.shape[1]) / SIGMA_PA
     whitening[0, 0] = 1 / SIGMA_M
     wait_until_compiled(estimator)
@@ -156,10 +161,10 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=10)
     parser.add_argument("--frames", type=int, default=20_000)
     given = parser.parse_args()
-    config = load(CONFIG)
-    device, place = build_device(config), jnp.asarray(electrode_places(config)[[given.electrode]])
+    robot = build_robot(load(CONFIG))
+    device, place = robot.model, jnp.asarray(places_of(robot)[[given.electrode]])
     assert isinstance(device.body, Body)
-    teacher = Teacher(config, device, rest_stiffness(device.body), build_regions(config))
+    teacher = Teacher(robot, rest_stiffness(device.body), build_regions(robot.settings))
     kept, taken = taught(teacher, given.electrode, given.out / "finger_charts")
     largest_force = teacher.largest_force(given.electrode)
     wanted = drives(teacher, given.electrode, largest_force, given.cases)
@@ -174,7 +179,7 @@ def main() -> None:
         "reduced_unknowns": kept.device.body.n,
         "points": [len(each.volumes) for each in kept.device.body.sample],
         **missed,
-        **frame_times(config, kept, place, wanted, through, given.frames),
+        **frame_times(robot, kept, place, wanted, through, given.frames),
     }
     for key, value in row.items():
         print(f"{key:>20} {np.array2string(np.asarray(value), precision=3)}", flush=True)

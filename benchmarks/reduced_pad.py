@@ -23,18 +23,17 @@ import numpy as np
 from live_frames import compilations, latencies, to_and_fro
 
 from softfuse.computing import prepare_jax
-from softfuse.cli.recorded import sensor_columns, sensor_frames
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device, build_limits
-from softfuse.robot.reduced import with_charts
-from softfuse.config.build_tracker import build_tracker
-from softfuse.robot.settings import RobotSettings
+from softfuse.estimation.bounds import limits_of
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_estimator import MOST_TRUNCATION, ReducedEstimator
 from softfuse.estimation.step import Observation
+from softfuse.estimation.tracker import Tracker
 from softfuse.functional.chart import facing
-from softfuse.hardware.recording import read_recording
 from softfuse.mechanics.model import Model, simulate
+from softfuse.report.recorded import read_sensors, sensor_frames
+from softfuse.robot.file import load
+from softfuse.robot.reduced import with_charts
+from softfuse.robot.robot import Robot, build_robot
 from softfuse.rom.atlas import Atlas
 from softfuse.rom.cells import Cells
 
@@ -84,14 +83,13 @@ def wandering(cells: Cells, frames: int, largest: float) -> tuple[np.ndarray, np
     return places, largest * (0.3 + 0.2 * np.sin(length / 0.012))
 
 
-def frame_times(device: Model, atlas: Atlas, config: RobotSettings, frames: int) -> dict[str, object]:
+def frame_times(robot: Robot, atlas: Atlas, frames: int) -> dict[str, object]:
     """Latencies [ms] of estimate, shape and both, 50 and 99 %; how often programs were traced or compiled,
     the full body asked and a tangent inverted; by how much forces were off; and the full body's latencies.
     """
-    assert config.contact is not None
-    cells = atlas.regions
+    device, cells = robot.model, atlas.regions
     assert isinstance(cells, Cells)
-    places, forces = wandering(cells, min(frames, PATH), config.contact.max_force)
+    places, forces = wandering(cells, min(frames, PATH), robot.settings.contact().max_force)
     every = round(APART_M / PER_FRAME_M)
     solved = [
         device.reading(simulate(device, jnp.asarray(place)[None], jnp.array([force])).state)
@@ -99,7 +97,7 @@ def frame_times(device: Model, atlas: Atlas, config: RobotSettings, frames: int)
     ]
     number = np.arange(len(places))
     readings = np.stack([np.interp(number, number[::every], each) for each in np.transpose(solved)], axis=1)
-    limits, none = build_limits(config, 1), jnp.asarray(places[:1])
+    limits, none = limits_of(robot), jnp.asarray(places[:1])
     whitening = 1e9 * np.eye(readings.shape[1])
     path = [Observation.on_host(r, whitening, p[None]) for r, p in zip(readings, places, strict=True)]
     full, small = Estimator(device, limits, none), ReducedEstimator(atlas, limits, none)
@@ -130,12 +128,12 @@ def frame_times(device: Model, atlas: Atlas, config: RobotSettings, frames: int)
     }
 
 
-def tracked_times(config: RobotSettings, atlas: Atlas, recording: Path) -> dict[str, object]:
+def tracked_times(robot: Robot, atlas: Atlas, recording: Path) -> dict[str, object]:
     """Latencies [ms] from a sensors' frame to contacts, forces and shape, 50 and 99 %, and how many frames
     they are of; the second time that the recording passes, when all of its charts have been read.
     """
-    tracker = build_tracker(config, atlas)
-    frames = list(sensor_frames(config, read_recording(recording, sensor_columns(config))))
+    tracker, settings = Tracker(robot, atlas), robot.settings
+    frames = list(sensor_frames(settings, read_sensors(settings, recording)))
     taken: list[float] = []
     for _ in range(2):
         tracker.reset()
@@ -161,18 +159,17 @@ def main() -> None:
     parser.add_argument("--recording", type=Path, default=RECORDING)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    config = load(given.config)
-    assert config.contact is not None
-    device = build_device(config)
-    atlas = with_charts(config, device, given.charts)
+    robot = build_robot(load(given.config))
+    device, largest = robot.model, robot.settings.contact().max_force
+    atlas = with_charts(robot, given.charts)
     assert isinstance(atlas, Atlas)
     row: dict[str, object] = {
         "charts": len(atlas.regions),
         "full_unknowns": device.body.n,
         "reduced_unknowns": atlas.chart(0).device.body.n,
-        **errors(device, atlas, given.cases, config.contact.max_force),
-        **frame_times(device, atlas, config, given.frames),
-        **tracked_times(config, atlas, given.recording),
+        **errors(device, atlas, given.cases, largest),
+        **frame_times(robot, atlas, given.frames),
+        **tracked_times(robot, atlas, given.recording),
     }
     for key, value in row.items():
         print(f"{key:>20} {np.array2string(np.asarray(value), precision=3)}", flush=True)

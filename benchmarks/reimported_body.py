@@ -18,18 +18,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from softfuse.computing import prepare_jax
-from softfuse.robot.file import load
-from softfuse.robot.settings import RobotSettings
-from softfuse.robot.body import SurfaceSource
 from softfuse.design.of_robot import build_places
-from softfuse.config.build_device import build_device
-from softfuse.robot.mesh import RobotMesh, build_mesh, robot_mesh
 from softfuse.design.plan import DesignPlan, load_design
 from softfuse.estimation.rest_response import rest_response
 from softfuse.functional.cavity import Cavity
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.subdivision import refined
 from softfuse.mesh.surface import cavities, centroid
+from softfuse.robot.body import SurfaceSource
+from softfuse.robot.file import load
+from softfuse.robot.mesh import RobotMesh, build_mesh, robot_mesh
+from softfuse.robot.robot import build_robot
+from softfuse.robot.settings import RobotSettings
 
 
 def refined_mesh(config: RobotSettings, mesh: RobotMesh) -> RobotMesh:
@@ -43,7 +43,7 @@ def refined_mesh(config: RobotSettings, mesh: RobotMesh) -> RobotMesh:
 
 def by_force(plan: DesignPlan, config: RobotSettings, mesh: RobotMesh, every: int, name: str) -> np.ndarray:
     """Readings per newton (s, k) in SI at each so manyth of a plan's places, and a line of them."""
-    device = build_device(config, mesh)
+    device = build_robot(config, mesh).model
     places, _ = build_places(plan, config)
     found = np.asarray(rest_response(device, places[::every]).by_force)
     norms = np.linalg.norm(found, axis=1)

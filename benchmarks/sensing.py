@@ -21,20 +21,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from live_frames import compilations
-
-from softfuse.robot.file import load
-from softfuse.robot.body import PadSource
 from softfuse.config.build_sensors import build_sensors
 from softfuse.config.build_tracker import build_senses
-from softfuse.experiment.build_virtual_pad import pad_plan
-from softfuse.robot.settings import RobotSettings
 from softfuse.estimation.compiled_senses import CompiledSenses
+from softfuse.experiment.build_virtual_pad import pad_plan
 from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.pad_electrodes import LineElectrodes
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadBed, pad_touches
 from softfuse.experiment.virtual_pad import Touch
+
 from softfuse.mechanics.sparse import SparseLU
+from softfuse.robot.body import PadSource
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.crossed.field import FieldSettings
 from softfuse.sensors.crossed.peak_follow import follow_peak, no_peak
 from softfuse.sensors.crossed.peak_model import peak_signal

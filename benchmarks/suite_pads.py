@@ -1,7 +1,7 @@
 """Pads of several sizes, presses on them, and how their frames are timed, for the suite of benchmarks."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -13,12 +13,12 @@ from live_frames import compilations
 from pad_meshes import pad_on
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from softfuse.robot.settings import RobotSettings
-from softfuse.config.build_device import build_device, build_limits
+from softfuse.estimation.bounds import limits_of
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
 from softfuse.functional.chart import facing, moved
 from softfuse.mechanics.model import Model, simulate
+from softfuse.robot.robot import Robot, build_robot
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 MESHES = {
@@ -37,19 +37,24 @@ PEAK_N = 10.0
 class Pad:
     """The pad of configs/pad.toml on one of the meshes."""
 
-    config: RobotSettings
-    device: Model
+    robot: Robot
+
+    @property
+    def device(self) -> Model:
+        """Its model."""
+        return self.robot.model
 
     def limits(self, contacts: int = 1) -> Limits:
         """Those of so many contacts."""
-        return build_limits(self.config, contacts)
+        settings = self.robot.settings
+        several = (settings.contact().model_copy(update={"at_once": contacts}),)
+        return limits_of(replace(self.robot, settings=settings.model_copy(update={"contacts": several})))
 
 
 @cache
 def pad(nodes: int) -> Pad:
     """The pad with so many nodes, made once."""
-    config = pad_on(*MESHES[nodes])
-    made = Pad(config, build_device(config))
+    made = Pad(build_robot(pad_on(*MESHES[nodes])))
     assert made.device.body.n_nodes == nodes
     return made
 

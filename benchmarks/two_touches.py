@@ -23,32 +23,31 @@ from tempfile import TemporaryDirectory
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-
-from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
-from softfuse.computing import prepare_jax
-from softfuse.robot.file import load
-from softfuse.robot.settings import RobotSettings, save_edited
 from softfuse.config.build_device import build_device
-from softfuse.experiment.build_evaluation import build_bed
 from softfuse.config.build_tracker import build_tracker
-from softfuse.experiment.build_virtual_pad import PadPlan
 from softfuse.config.contact import DiscSettings
-from softfuse.robot.file import Edits
-from softfuse.estimation.tracked import Frame, Tracked
-from softfuse.experiment.accuracy import NINETY
+from softfuse.experiment.build_evaluation import build_bed
+from softfuse.experiment.build_virtual_pad import PadPlan
 from softfuse.experiment.channel_electronics import Readout
 from softfuse.experiment.pad_electrodes import GridElectrodes
 from softfuse.experiment.pad_programme import PadTiming, pad_programme
 from softfuse.experiment.pad_touches import PadTouches
-from softfuse.experiment.programme import Programme
 from softfuse.experiment.virtual_pad import virtual_pad
+from softfuse.sensors.senses import Sensed
+
+from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
+from softfuse.computing import prepare_jax
+from softfuse.estimation.tracked import Frame, Tracked
+from softfuse.experiment.accuracy import NINETY
+from softfuse.experiment.programme import Programme
 from softfuse.functional.chart import facing
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.newton import Newton, solve
 from softfuse.mechanics.solution import RESULTS, State
+from softfuse.robot.file import Edits, load
+from softfuse.robot.settings import RobotSettings, save_edited
 from softfuse.sensors.mutual.field import Thing
-from softfuse.sensors.senses import Sensed
 
 FORCES_N = np.array([6.0, 3.0])
 SHARES = np.array([0.0, 1 / 3, 2 / 3, 1.0])

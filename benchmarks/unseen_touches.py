@@ -15,26 +15,29 @@ from pathlib import Path
 import numpy as np
 
 from softfuse.computing import prepare_jax
-from softfuse.cli.recorded import sample_frames, samples_at, sensor_columns, sensor_frames
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device
-from softfuse.robot.reduced import with_charts
-from softfuse.config.build_tracker import build_tracker
-from softfuse.robot.settings import RobotSettings
+from softfuse.estimation.stream import follow
 from softfuse.estimation.tracked import Frame
+from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.accuracy import coverage
-from softfuse.hardware.recording import Recording, read_recording
+from softfuse.hardware.recording import Recording
+from softfuse.report.recorded import read_sensors, sensor_frames
+from softfuse.report.study import Study
+from softfuse.robot.file import load
+from softfuse.robot.reduced import with_charts
+from softfuse.robot.robot import Robot, build_robot
+from softfuse.sensors.crossed.settings import CrossedSettings
 
 
-def blinded(config: RobotSettings, recording: Recording) -> Iterator[Frame]:
+def blinded(robot: Robot, recording: Recording) -> Iterator[Frame]:
     """The recording's frames, with electrodes that nothing comes near."""
-    assert config.sensors is not None
-    rng, noise, still = np.random.default_rng(0), config.sensors.capacitive.noise_counts, ()
-    for frame in sensor_frames(config, recording):
-        flow, *counts = frame.readings
-        still = still or tuple(counts)
-        seen = (np.round(each + rng.normal(0.0, noise, each.shape)) for each in still)
-        yield Frame(frame.time_s, (flow, *seen))
+    (electrodes,) = robot.settings.sensors_of(CrossedSettings)
+    rng, noise, still = np.random.default_rng(0), electrodes.noise_counts, np.zeros(0)
+    at = [robot.settings.channels.index(channel) for channel in electrodes.columns]
+    for frame in sensor_frames(robot.settings, recording):
+        raw = np.array(frame.raw)
+        still = still if still.size else raw[at]
+        raw[at] = np.round(still + rng.normal(0.0, noise, still.shape))
+        yield Frame(frame.time_s, raw)
 
 
 def main() -> None:
@@ -45,11 +48,15 @@ def main() -> None:
     parser.add_argument("recording", type=Path)
     parser.add_argument("--charts", type=Path)
     given = parser.parse_args()
-    config = load(given.config)
-    tracker = build_tracker(config, with_charts(config, build_device(config), given.charts))
-    recording = read_recording(given.recording, sensor_columns(config))
-    found = [tracker.update(frame) for frame in blinded(config, recording)]
-    samples = samples_at(recording, found, sample_frames(recording))
+    robot = build_robot(load(given.config))
+    tracker = Tracker(robot, with_charts(robot, given.charts))
+    recording = read_sensors(robot.settings, given.recording)
+    study = Study(robot, recording)
+    for now in follow(tracker, ((frame, True) for frame in blinded(robot, recording))):
+        study.see(now)
+    samples = study.samples
+    if samples is None:
+        raise SystemExit(f"{given.recording} does not hold the truth")
     place, force = 1e3 * samples.location_error_m, 100 * samples.force_error
     sigma = 1e3 * samples.location_sigma_m.max(axis=1)
     print(f"{len(place)} samples, {np.isnan(samples.force_N).sum()} without an estimate")

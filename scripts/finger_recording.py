@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from softfuse.computing import prepare_jax
 from softfuse.cli.terminal import Quiet, stderr, stdout, tracked_calls
+from softfuse.computing import prepare_jax
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.paper.bed import finger_bed
 from softfuse.experiment.paper.pushes import CABLE_ALONE, TABLE_III, TWO_CONTACTS

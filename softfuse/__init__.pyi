@@ -1,4 +1,5 @@
 from .computing import prepare_jax
+from .design.objective import AbstractMeasure
 from .design.of_robot import build_problem
 from .design.plan import load_design
 from .design.problem import Geometry
@@ -18,12 +19,15 @@ from .report.observability import expected
 from .report.recorded import read_sensors, sensor_frames
 from .report.study import Study
 from .robot.file import load, save_edited
+from .robot.layout.layout import AbstractLayout, Parameter
 from .robot.reduced import with_charts
 from .robot.robot import Robot, build_robot
 from .robot.settings import RobotSettings
 from .robot.trial import Press, Trial
 
 __all__ = [
+    "AbstractLayout",
+    "AbstractMeasure",
     "Frame",
     "Geometry",
     "MakingErrors",
@@ -51,6 +55,7 @@ __all__ = [
     "load",
     "load_design",
     "moved",
+    "Parameter",
     "performance",
     "prepare_jax",
     "random_episodes",

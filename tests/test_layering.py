@@ -39,7 +39,7 @@ ALLOWED: dict[str, set[str]] = {
 
 HEAVY = {
     *("trimesh", "pytetwild", "meshio", "matplotlib", "serial", "rerun", "manifold3d", "pint", "h5py"),
-    *("mcap", "pyarrow", "distributed", "dask", "cryptography"),
+    *("mcap", "pyarrow", "distributed", "dask", "cryptography", "cascadio"),
 }
 """Libraries that are imported inside the functions that need them."""
 
@@ -115,13 +115,13 @@ def heavy_imports(source: str, path: Path) -> list[str]:
 
 
 def forbidden_calls(source: str, path: Path) -> list[str]:
-    """Prints, and JAX flags that are set outside the command line."""
+    """Prints, and JAX flags that are set anywhere but in one place."""
     wrong = []
     for node in ast.walk(ast.parse(source)):
         if not isinstance(node, ast.Call):
             continue
         name = ast.unparse(node.func)
-        if name == "print" or (name.endswith("config.update") and stage_of(path) != "cli"):
+        if name == "print" or (name.endswith("config.update") and stage_of(path) != "computing"):
             wrong.append(
                 f"{path.relative_to(ROOT)}:{node.lineno}: {name}(...) does not belong in the library"
             )
@@ -163,11 +163,11 @@ def test_a_file_is_short(path: Path) -> None:
         ("body", "from ..mesh import tetmesh", False),
         ("body", "from . import element", False),
         ("body", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from ..cli import main", True),
-        ("estimation", "from softfuse.robot.file import load", True),
+        ("estimation", "from softfuse.robot.file import load", False),
         ("calibration", "from softfuse.design import layout", True),
         ("sensors", "from softfuse.hardware import recording", True),
         ("hardware", "from softfuse.estimation import step", False),
-        ("hardware", "from softfuse.robot.file import load", True),
+        ("hardware", "from softfuse.robot.file import load", False),
         ("robot", "from softfuse.estimation import tracker", True),
         ("cli", "from softfuse.hardware import recording", False),
         ("body", "import softfuse", True),

@@ -20,16 +20,32 @@ def ran(number: int, monkeypatch: pytest.MonkeyPatch) -> dict:
     return names
 
 
-def test_the_example_finds_the_force(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+def test_the_example_presses(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
     names = ran(0, monkeypatch)
-    np.testing.assert_allclose(names["found"].drive, names["force"], rtol=1e-4)
-    assert names["w_va"].shape == (4, 1) and float(names["w_va"].min()) < 0
+    volumes, w_va = np.asarray(names["volumes"]), np.asarray(names["w_va"])
+    assert w_va.shape == (4, 1) and w_va.max() < 0
+    # Softer the less a chamber is closed already: a secant is between slopes.
+    np.testing.assert_allclose(volumes, 5.0 * w_va[:, 0], rtol=0.1, atol=1e-9)
     assert capsys.readouterr().out.startswith("[")
+
+
+def test_the_example_tracks(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    found = ran(1, monkeypatch)["found"]
+    assert found.touching.any() and np.isfinite(found.contact_force_N).all()
+    assert capsys.readouterr().out
+
+
+def test_the_first_example_is_short() -> None:
+    assert len(EXAMPLES[0].strip().splitlines()) <= 12
+    assert [line for line in EXAMPLES[0].splitlines() if line.startswith(("import", "from"))] == [
+        "import numpy as np",
+        "import softfuse as sf",
+    ]
 
 
 @pytest.mark.slow
 def test_a_design_of_ones_own_is_searched(monkeypatch: pytest.MonkeyPatch) -> None:
-    names = ran(1, monkeypatch)
+    names = ran(2, monkeypatch)
     found, problem = names["best"], names["problem"]
     assert found.kept and found.trials > 1
     first = problem.on_mesh(problem.layout.start).measures(problem.layout.start)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from suite_pads import PLACES, pad
 
-from softfuse.robot.reduced import Teacher, build_regions
 from softfuse.estimation.batch import batched
 from softfuse.estimation.step import Observation, exact_steps
 from softfuse.functional.chart import moved
 from softfuse.mechanics.model import Model, simulate
+from softfuse.robot.reduced import Teacher, build_regions
 from softfuse.rom.cells import Cells
 from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import rest_stiffness

@@ -13,12 +13,13 @@ import pytest
 from live_frames import wait_until_compiled
 from suite_pads import CONFIGS, MESHES, PLACES, megabytes, pad, press, time_frames
 
-from softfuse.config import load
-from softfuse.config.build_device import build_device, build_limits, build_step_settings, electrode_places
-from softfuse.config.build_reduction import Teacher, build_regions
+from softfuse.estimation.bounds import limits_of, step_settings
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.step import Observation, exact_steps
 from softfuse.mechanics.model import simulate
+from softfuse.robot.file import load
+from softfuse.robot.reduced import Teacher, build_regions
+from softfuse.robot.robot import build_robot
 from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import rest_stiffness
 
@@ -53,14 +54,14 @@ def test_full_step_of_several_contacts(benchmark, contacts: int) -> None:
 
 @pytest.mark.parametrize("nodes", MESHES)
 def test_reduced_step(benchmark, nodes: int) -> None:
-    config, device = pad(nodes).config, pad(nodes).device
-    regions, stiffness = build_regions(config), rest_stiffness(device.body)
+    robot, device = pad(nodes).robot, pad(nodes).device
+    regions, stiffness = build_regions(robot.settings), rest_stiffness(device.body)
     number = regions.find(PLACES[0])
     assert number is not None
     # Where the chart is good: not at the edge of its cell, which the contact would leave.
     frames = press(device, 1, 10 * FRAMES, place=regions[number].at(np.zeros(2)))
     started = time.perf_counter()
-    chart = Teacher(config, device, stiffness, regions).chart(number)
+    chart = Teacher(robot, stiffness, regions).chart(number)
     teaching = time.perf_counter() - started
     small = reduced_model(device, stiffness, chart, np.zeros((0, 3, 3)))
     said = {"nodes": nodes, "unknowns": small.body.n, "teaching_s": teaching}
@@ -68,9 +69,9 @@ def test_reduced_step(benchmark, nodes: int) -> None:
 
 
 def test_full_step_of_the_finger(benchmark) -> None:
-    config = load(CONFIGS / "finger.toml")
-    device, limits = build_device(config), build_limits(config, 1)
-    place = jnp.asarray(electrode_places(config)[[7]])
+    robot = build_robot(load(CONFIGS / "finger.toml"))
+    device, limits = robot.model, limits_of(robot)
+    place = jnp.asarray([*robot.settings.places.values()])[7:8]
     drive = device.rest_state(place).drive.at[2].set(2.0).at[0].set(0.5)
     state = simulate(device, place, drive).state
     reading, whitening = np.asarray(device.reading(state)), 0.1 * np.eye(device.n_readings)
@@ -78,7 +79,7 @@ def test_full_step_of_the_finger(benchmark) -> None:
     ramp = np.minimum(np.linspace(0.0, 1.25, 40), 1.0)
     frames = [Observation.on_host(share * reading, whitening, np.asarray(place)) for share in ramp]
     said = {"nodes": device.body.n_nodes, "unknowns": device.body.n}
-    _time_estimates(benchmark, device, limits, frames, build_step_settings(config), **said)
+    _time_estimates(benchmark, device, limits, frames, step_settings(robot), **said)
 
 
 @pytest.mark.parametrize("nodes", [nodes for nodes in MESHES if nodes < LARGEST])

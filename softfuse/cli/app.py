@@ -11,7 +11,6 @@ import typer
 from rich.logging import RichHandler
 
 from softfuse.cli.calibrate import calibrate
-from softfuse.computing import prepare_jax
 from softfuse.cli.convert import convert
 from softfuse.cli.design import design
 from softfuse.cli.doctor import doctor
@@ -29,6 +28,7 @@ from softfuse.cli.terminal import escape_log, printable, stderr, stdout
 from softfuse.cli.testbed import testbed
 from softfuse.cli.version import installed_version
 from softfuse.cli.virtual_device import virtual_device
+from softfuse.computing import prepare_jax
 from softfuse.errors import SoftfuseError
 
 app = typer.Typer(

@@ -11,8 +11,8 @@ from threading import Lock
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.computing import prepare_jax
 from softfuse.cli.version import require_version
+from softfuse.computing import prepare_jax
 from softfuse.design.limits import Limit
 from softfuse.design.of_robot import (
     build_problem,

@@ -21,8 +21,7 @@ class LiveDisplay:
 
     def __init__(self, clock: HostClock, slots: tuple[str, ...]):
         """Nothing has come yet; `slots`: what contacts are called."""
-        self._slots = slots
-        self._clock, self._began_s = clock, clock.now_s()
+        self._slots, self._clock, self._began_s = slots, clock, clock.now_s()
         self._lock = threading.Lock()
         self._newest: Published | None = None
         self._notices: list[Notice] = []
@@ -57,8 +56,7 @@ class LiveDisplay:
         for c, slot in enumerate(self._slots):
             if tracked.touching[c]:
                 x, y, z = 1e3 * tracked.location_m[c]
-                force = tracked.contact_force_N[c]
-                table.add_row(slot, f"{force:.2f} N at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
+                table.add_row(slot, f"{tracked.contact_force_N[c]:.2f} N at ({x:.1f}, {y:.1f}, {z:.1f}) mm")
                 if smoothed is not None:
                     table.add_row("    filtered", smoothed_words(smoothed, c))
         return table

@@ -3,18 +3,22 @@ read.
 """
 
 import json
+import logging
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from softfuse.cli.terminal import Quiet, busy, out_file, stdout
-from softfuse.errors import SoftfuseError
+from softfuse.errors import SoftfuseError, SolveError
+from softfuse.mechanics.solution import read_state
 from softfuse.mesh.files import write_mesh
 from softfuse.report.result_folder import writing
 from softfuse.robot.file import load
 from softfuse.robot.robot import build_robot
 from softfuse.robot.trial import Press, Trial, told
+
+log = logging.getLogger(__name__)
 
 
 def simulate(
@@ -38,22 +42,38 @@ def simulate(
     ] = None,
     json_file: Annotated[Path | None, out_file("--json", help="File for the numbers.")] = None,
     vtu: Annotated[Path | None, out_file(help="File for the deformed mesh (VTU).")] = None,
+    start: Annotated[
+        Path | None,
+        typer.Option(help="Begin with the state in this file, written with --json; default: at rest."),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Press on a robot or drive its actuators, and report its shape and what its sensors read."""
+    """Press on a robot or drive its actuators, and report its shape and what its sensors read.
+
+    Where no equilibrium is found, the files hold the last one on the way there.
+    """
     settings = load(config)
     with busy("meshing", quiet=quiet):
         robot = build_robot(settings)
     trial = Trial.of(robot, presses(contact or [], at or [], force or []), cable or [], pressure or [])
+    begin = None if start is None else read_state(start, trial.rest)
     with busy("solving", quiet=quiet):
-        solution = trial.solved()
+        solution = trial.searched(begin)
     numbers = trial.numbers(solution)
     if json_file is not None:
         with writing(json_file):
             json_file.write_text(json.dumps(numbers, indent=2) + "\n", encoding="utf-8")
     if vtu is not None:
         moved = robot.model.body.displacement(solution.state.z)
-        write_mesh(vtu, robot.mesh.mesh, point_data={"displacement": moved.__array__()})
+        # 1 where all of the load is carried.
+        reached = [numbers["reached"]] * len(moved)
+        data = {"displacement": moved.__array__(), "reached": reached}
+        write_mesh(vtu, robot.mesh.mesh, point_data=data)
+    if not solution.success:
+        kept = [str(path) for path in (json_file, vtu) if path is not None]
+        raise SolveError(trial.failure(solution) + (f" ({', '.join(kept)})" if kept else ""))
+    if solution.snapped:
+        log.warning("%s", solution.words)
     if not quiet:
         stdout.print(told(numbers), markup=False, highlight=False, soft_wrap=True)
 

@@ -12,9 +12,9 @@ from threading import Lock
 
 import jax.numpy as jnp
 
-from softfuse.computing import prepare_jax
 from softfuse.cli.sweep_table import SweepTable, Value
 from softfuse.cli.version import require_version
+from softfuse.computing import prepare_jax
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.sweep import outcomes
 from softfuse.mechanics.model import Model

@@ -12,16 +12,14 @@ import typer
 from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.terminal import Quiet, busy, out_file, stdout
 from softfuse.errors import SoftfuseError
-from softfuse.experiment.performance import Performance, shown
+from softfuse.experiment.performance import shown
 from softfuse.hardware.stream import HostClock
 from softfuse.hardware.virtual.board_clock import BoardClock
 from softfuse.hardware.virtual.boards import BoardChannels, TruthFile, boards_of, line_seed
 from softfuse.hardware.virtual.faults import HELP, parse_faults
 from softfuse.hardware.virtual.line_faults import FaultyLine
-from softfuse.hardware.virtual.outlet import AbstractOutlet
-from softfuse.hardware.virtual.pseudo_terminal import PseudoTerminal
+from softfuse.hardware.virtual.outlets import outlets_of, said_of
 from softfuse.hardware.virtual.serving import AsFastAsRead, RealTime, VirtualDevice, VirtualPort
-from softfuse.hardware.virtual.tcp_port import TcpPort
 from softfuse.robot.file import load
 
 _USUAL_HZ = 100.0
@@ -50,14 +48,12 @@ def virtual_device(
     for_s: Annotated[float | None, typer.Option("--for", help="End after so many seconds.")] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Act as the robot: press and drive a virtual one and send what its sensors say on a port, again and
-    again.
-    """
+    """Act as the robot: press and drive a virtual one, and send what its sensors say, again and again."""
     settings = load(config)
     rate_Hz = _rate(rate)
     if for_s is not None and not 0 < for_s < math.inf:
         raise SoftfuseError(f"--for {for_s:g}: give how long in seconds")
-    outlets = _outlets(tcp, link, boards)
+    outlets = outlets_of(tcp, link, boards)
     faults = parse_faults(fault or [], settings.channels)
     with busy("pressing, once for each configuration", quiet=quiet):
         played = shown(settings, folder=platformdirs.user_cache_path("softfuse") / "virtual")
@@ -68,7 +64,8 @@ def virtual_device(
             file = TruthFile(truth, programme.truth_at, programme.stepped, HostClock().now_s())
             stack.callback(file.close)
             written = file.write
-        made = boards_of(_parts(played, boards, seed), rate_Hz, faults, seed, written)
+        parts = [BoardChannels(name, own.channels, own.at, e) for name, own, e in played.boards(boards, seed)]
+        made = boards_of(parts, rate_Hz, faults, seed, written)
         ports = [
             VirtualPort(board, FaultyLine(faults.line, line_seed(seed, k)), outlets[k])
             for k, board in enumerate(made)
@@ -80,7 +77,7 @@ def virtual_device(
                 device.run(for_s)
         finally:
             for port in () if quiet else ports:
-                _tell_report(port)
+                stdout.print(said_of(port), markup=False, highlight=False, soft_wrap=True)
 
 
 def _rate(text: str) -> float:
@@ -93,58 +90,9 @@ def _rate(text: str) -> float:
     return BoardClock(rate_Hz).rate_Hz
 
 
-def _outlets(tcp: int | None, link: Path | None, boards: int) -> list[list[AbstractOutlet]]:
-    """The outlets of each board: a pseudo-terminal unless there is a TCP port and no link is asked for."""
-    found: list[list[AbstractOutlet]] = []
-    for k in range(boards):
-        here: list[AbstractOutlet] = []
-        if tcp is not None:
-            here.append(TcpPort(tcp + k if tcp else 0))
-        if link is not None:
-            here.append(PseudoTerminal(link if boards == 1 else link.with_name(f"{link.name}{k + 1}")))
-        elif tcp is None:
-            here.append(PseudoTerminal())
-        found.append(here)
-    return found
-
-
-def _parts(played: Performance, boards: int, seed: int) -> list[BoardChannels]:
-    """The channels of each board."""
-    programme, electronics, name = played.programme(), played.electronics(seed), played.robot.made.name
-    names = [name] if boards == 1 else [f"{name} contacts", f"{name} readings"]
-    each = [programme.channels] if boards == 1 else played.apart
-    return [
-        BoardChannels(
-            called,
-            own,
-            programme.only(own).at,
-            electronics.taken([programme.channels.index(channel) for channel in own]),
-        )
-        for called, own in zip(names, each, strict=True)
-    ]
-
-
 def _tell_ports(ports: Sequence[VirtualPort]) -> None:
     """Always told, since nobody could find them otherwise."""
     for port in ports:
         description = port.board.description
         text = f"{description.name}, {len(description.channels)} channels: {' '.join(port.urls)}"
         stdout.print(text, markup=False, highlight=False, soft_wrap=True)
-
-
-def _tell_report(port: VirtualPort) -> None:
-    report = port.report
-    board = report.board
-    parts = [f"{board.samples} samples", f"{report.sent} packets heard", f"{report.unheard} not"]
-    parts += [
-        f"{count} {what}"
-        for count, what in (
-            (board.lost, "samples lost"),
-            (report.dropped_bytes, "bytes dropped"),
-            (report.flipped_bits, "bits flipped"),
-            (report.outages, "times away"),
-        )
-        if count
-    ]
-    text = f"{port.board.description.name}: {', '.join(parts)}"
-    stdout.print(text, markup=False, highlight=False, soft_wrap=True)

@@ -61,7 +61,7 @@ def as_seen(seen: Seen) -> Placed:
 
 
 class PlaceSearch:
-    """Follows the places of c contacts, each within a workspace, or where sensors see it where it has none."""
+    """Follows the places of c contacts, each within a workspace, or where sensors see it if it has none."""
 
     def __init__(self, workspaces: Sequence[AbstractWorkspace | None]):
         """Begin with nothing sought."""

@@ -9,8 +9,8 @@ compiling, or reads files; `hardware` does that.
 """
 
 import time
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -20,14 +20,15 @@ from jaxtyping import Bool, Float
 from softfuse.errors import ConfigError
 from softfuse.estimation.bounds import limits_of, step_settings
 from softfuse.estimation.compiled_suite import CompiledSuite, Finding
+from softfuse.estimation.doubts import TrackerSettings, doubts_of
 from softfuse.estimation.estimator import Estimate, Estimator
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.model_error import AS_DRAWN, ModelError, whitening
 from softfuse.estimation.model_offset import ModelOffset
+from softfuse.estimation.pattern_search import PatternSearch
 from softfuse.estimation.place_search import Placed, PlaceSearch, Seen, as_seen
-from softfuse.estimation.push_response import Patches, patches_at
-from softfuse.estimation.reading_pattern import PatternFit, pattern_fit
-from softfuse.estimation.reading_spread import read_spread
+from softfuse.estimation.posterior import posterior_covariance
+from softfuse.estimation.reading_pattern import PatternFit
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation as Aim
 from softfuse.estimation.touch_by_readings import TouchByReadings
@@ -41,32 +42,6 @@ from softfuse.sensors.suite import Observation
 
 _AT_LEISURE_S = 2.0
 """After so long there is time to make ready what most touches do without."""
-_SIDE = 13
-"""Places along each side of a workspace that are compared with readings."""
-_POSTURE_CHANGED = 0.05
-"""Part of an actuator's range by which it may move before patterns are computed anew."""
-
-
-@dataclass(frozen=True)
-class TrackerSettings:
-    """When an estimate is doubted: `poor_fit` [-], a misfit above this part of the largest reading;
-    `model_error`, by how much the model may be wrong; `offset_s` [s], over which time what the model misses
-    is averaged.
-    """
-
-    poor_fit: float = 0.25
-    model_error: ModelError = ModelError()
-    offset_s: float = 1.0
-
-    @classmethod
-    def of(cls, robot: Robot) -> "TrackerSettings":
-        """Those that the robot's settings tell; raises SoftfuseError when the file of its spread is not that
-        of such a robot.
-        """
-        given = robot.settings.estimator
-        path, readings = given.reading_spread, robot.model.n_readings
-        spread = None if path is None else read_spread(path, readings)
-        return cls(given.poor_fit, ModelError(given.model_error, spread=spread))
 
 
 class _Estimated(NamedTuple):
@@ -81,33 +56,6 @@ class _Estimated(NamedTuple):
     misfit: Float[np.ndarray, " k"]
     evidence: Evidence | None
     doubts: list[str]
-
-
-class _Pattern(NamedTuple):
-    """Where presses are looked for: places (s, 3, 3), `pitch_m` (2,) apart, and what pushes there."""
-
-    places: Float[np.ndarray, "s 3 3"]
-    pitch_m: Float[np.ndarray, "2"]
-    patches: Patches
-
-
-def posterior_covariance(found: Estimate, limits: Limits) -> Float[np.ndarray, "DP DP"]:
-    """Covariance (D + P, D + P) of the drives of an estimate and of the numbers η of places that were not
-    known, of those within their limits the inverse of their information.
-
-    A drive that is held at a limit has the variance that it would have alone, if it could move: by so much
-    the readings let it be wrong; one that has no room has none.
-    """
-    lower, upper = np.asarray(limits.lower), np.asarray(limits.upper)
-    information, room = found.report.information, 1e-9 * (upper - lower)
-    places = np.ones(len(information) - len(upper), bool)
-    movable = upper > lower
-    within = movable & (found.drive > lower + room) & (found.drive < upper - room)
-    free = np.append(within, places)
-    alone = np.where(np.append(movable & ~within, ~places), 1 / np.diag(information), 0.0)
-    covariance = np.diag(alone)
-    covariance[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
-    return covariance
 
 
 class Tracker:
@@ -141,8 +89,8 @@ class Tracker:
             else:
                 self.estimator = Estimator(model, limits, places, steps, places_known=known)
         self._search = None if known else PlaceSearch(robot.workspaces)
+        self._patterns = PatternSearch(robot, self.estimator)
         self._misses = self._search is not None and (robot.suite.misses or robot.unseen.any())
-        self._pattern: Future[_Pattern] | None = None
         self.compile_s = time.perf_counter() - started
         self._limits, self._upper = limits, np.asarray(limits.upper)
         self._lower = np.asarray(limits.lower)
@@ -186,8 +134,7 @@ class Tracker:
         self._force_N = np.zeros(len(self.adding))
         self._unexplained = np.full(readings, np.nan)
         self._uncertain = np.zeros((readings, readings))
-        self._slopes: Float[np.ndarray, "s k"] | None = None
-        self._slopes_at = np.zeros(len(self._upper) - self._split)
+        self._patterns.reset()
         self._touch = TouchByReadings()
         self._command = np.zeros(len(self._commanded))
         if self._search is not None:
@@ -227,7 +174,7 @@ class Tracker:
         if self._misses:
             self._begun_s = min(self._begun_s, time_s)
             if time_s - self._begun_s > _AT_LEISURE_S:
-                self._prepare()
+                self._patterns.prepare()
         if seen.pressing.any() or attached or self.robot.unseen.any():
             found = self._estimate(now, seen, time_s)
             said += found.doubts
@@ -289,48 +236,10 @@ class Tracker:
 
     def _fit(self) -> PatternFit:
         """How well presses all over explain what nothing else did in the last frame."""
-        pattern = self._prepare().result()
         attached = np.nan_to_num(np.asarray(self.state.drive)[self._split :])
-        room = np.maximum(self.drive_range[self._split :], np.finfo(float).tiny)
-        moved = np.abs(attached - self._slopes_at) > _POSTURE_CHANGED * room
-        pressed = bool(self._force_N.any())
-        if self._slopes is None or (not pressed and np.any(moved & (self.drive_range[self._split :] > 0))):
-            self._slopes = self.estimator.push_response(pattern.patches)
-            self._slopes_at = attached
-        valid = np.isfinite(self._unexplained)
-        return pattern_fit(
-            pattern.places,
-            pattern.pitch_m,
-            self._slopes,
-            self._unexplained,
-            self._uncertain,
-            valid,
-            self.robot.reading_kinds,
-        )
-
-    def _prepare(self) -> Future[_Pattern]:
-        """Where what nothing sees is looked for; begun on a thread of its own, as it takes some seconds."""
-        if self._pattern is None:
-            thread = ThreadPoolExecutor(1)
-            self._pattern = thread.submit(self._patterned)
-            thread.shutdown(wait=False)
-        return self._pattern
-
-    def _patterned(self) -> _Pattern:
-        robot = self.robot
-        flags = robot.unseen if robot.unseen.any() else [each is not None for each in robot.workspaces]
-        slot = int(np.argmax(flags))
-        workspace = robot.workspaces[slot]
-        assert workspace is not None  # `_check` has told
-        contact = next(
-            each
-            for each in robot.settings.contacts
-            if robot.addresses.slots[each.name].start <= slot < robot.addresses.slots[each.name].stop
-        )
-        places, pitch = workspace.grid(_SIDE)
-        faces = jnp.asarray(robot.parts.faces)
-        patches = patches_at(robot.model.body, faces, jnp.asarray(places), contact.radius)
-        return _Pattern(places, pitch, patches)
+        part = attached / np.maximum(self.drive_range[self._split :], np.finfo(float).tiny)
+        still = part[self.drive_range[self._split :] > 0]
+        return self._patterns.fit(still, self._unexplained, self._uncertain, fresh=not self._force_N.any())
 
     def _limits_now(self, pressing: Bool[np.ndarray, " c"]) -> Limits:
         """The limits in a frame: only contacts that press have a force, what is commanded is known."""
@@ -366,7 +275,7 @@ class Tracker:
             if lone and not np.isfinite(self._unexplained).any():
                 self._unexplained = np.where(valid, reading, np.nan)
             fit = self._fit() if lone else None
-            if search.seek(seen, self._told(seen), self._force_N, fit) and not len(self._slopes_at):
+            if search.seek(seen, self._told(seen), self._force_N, fit) and len(self._upper) == self._split:
                 self.estimator.reset()
             if search.sought:
                 places, prior = search.taken(seen), search.prior(seen)
@@ -472,15 +381,7 @@ class Tracker:
         at_limit = found.drive[: self._split] >= self._upper[: self._split] * (1 - 1e-9)
         if np.any(at_limit & self._of_contacts(seen.pressing)):
             doubts.append(Status.force_limit)
-        if found.corrected:
-            doubts.append(Status.corrected)
-        if float(found.report.taken) < 1.0:
-            doubts.append(Status.lagging)
-        if _poor(now, sigma, misfit, self.settings.poor_fit):
-            doubts.append(Status.poor_fit)
-        if not float(found.report.kkt) <= 1e-6:
-            doubts.append(Status.not_optimal)
-        return doubts
+        return doubts + doubts_of(now, sigma, found, misfit, self.settings.poor_fit)
 
 
 def _anywhere(robot: Robot) -> Float[np.ndarray, "3 3"]:
@@ -490,16 +391,3 @@ def _anywhere(robot: Robot) -> Float[np.ndarray, "3 3"]:
             return workspace.grid(2)[0][0]
     node = np.asarray(robot.model.body.rest)[np.asarray(robot.parts.faces)[0, 0]]
     return np.stack([node, np.eye(3)[0], np.eye(3)[1]])
-
-
-def _poor(
-    now: Observation, sigma: Float[np.ndarray, " k"], misfit: Float[np.ndarray, " k"], part: float
-) -> bool:
-    """Whether some misfit is beyond both what it may be, and a part of the largest reading, in standard
-    deviations.
-    """
-    if not now.valid.any():
-        return False
-    size = np.where(now.valid, np.abs(now.reading) / sigma, 0.0)
-    missing = np.where(now.valid, np.abs(misfit) / sigma, 0.0)
-    return bool(missing.max() > max(part * size.max(), 5.0))

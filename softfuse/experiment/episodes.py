@@ -6,6 +6,7 @@ An episode begins and ends at rest, with nothing near.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -103,8 +104,8 @@ def episodes_of(
 
 def place_of(place: Float[np.ndarray, "3 3"]) -> Place:
     """A place (3, 3) as an episode has it."""
-    x, u, v = (tuple(map(float, row)) for row in np.asarray(place))
-    return x, u, v
+    (a, b, c), (d, e, f), (g, h, i) = np.asarray(place).tolist()
+    return (a, b, c), (d, e, f), (g, h, i)
 
 
 def _places(
@@ -126,7 +127,7 @@ def _place(robot: Robot, contact: str, rng: np.random.Generator) -> Float[np.nda
     """A place (3, 3) at random where it may press: in its workspace, or on an electrode."""
     workspace = robot.workspaces[robot.addresses.slots[contact].start]
     if isinstance(workspace, FlatWorkspace):
-        return np.asarray(workspace.chart.place(rng.uniform(workspace.low, workspace.high)))
+        return np.asarray(workspace.chart.place(jnp.asarray(rng.uniform(workspace.low, workspace.high))))
     if workspace is not None:
         places, _ = workspace.grid(1)
         return places[rng.integers(len(places))]

@@ -7,7 +7,6 @@ equilibria. Cables that are commanded to a length hold it while something presse
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -16,16 +15,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from softfuse.body.base import AbstractBody
 from softfuse.errors import ConfigError, SolveError
+from softfuse.experiment.carried import Carried, Skin
 from softfuse.experiment.episodes import Episode, Touch
 from softfuse.experiment.pose_cache import Arrays, kept, settings_digest
 from softfuse.experiment.virtual_robot import VirtualRobot
-from softfuse.functional.chart import direction_of
-from softfuse.functional.contact import ContactSurface
-from softfuse.functional.material_points import MaterialPoints
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model, simulate
@@ -55,47 +51,6 @@ _PROBE = 0.02
 """Part of its largest tension with which a cable is pulled to tell how far it goes."""
 
 
-@dataclass(frozen=True, eq=False)
-class Carried:
-    """Points that move with the body: shape values (g, a) on its nodes (g, a)."""
-
-    nodes: Int[np.ndarray, "g a"]
-    shape: Float[np.ndarray, "g a"]
-
-    @classmethod
-    def of(cls, body: AbstractBody, points: Float[np.ndarray, "g 3"]) -> "Carried":
-        """Points at rest positions (g, 3) m. Raises MeshError for a point outside the body."""
-        embedded = MaterialPoints.embedded(body, points)
-        if not len(points):
-            return cls(np.zeros((0, 1), int), np.zeros((0, 1)))
-        return cls(np.asarray(embedded.nodes), np.asarray(embedded.shape(body.rest)))
-
-    def at(self, nodes: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "g 3"]:
-        """Their positions (g, 3) m at node positions (k, 3) m."""
-        return np.einsum("ga,gai->gi", self.shape, nodes[self.nodes])
-
-
-@dataclass(frozen=True, eq=False)
-class _Skin:
-    """The surface under a touch: nodes (s,), shape values (s,), and their slopes (s, 2) [1/m] along its
-    tangents.
-    """
-
-    nodes: Int[np.ndarray, " s"]
-    shape: Float[np.ndarray, " s"]
-    slopes: Float[np.ndarray, "s 2"]
-
-    def touched(
-        self, nodes: Float[np.ndarray, "k 3"], touch: Touch, gap: float, force: float, radius: float
-    ) -> TrueContact:
-        """A ball of a radius [m] that lies on the surface as nodes at (k, 3) m make it, or hovers over it."""
-        tangents = self.slopes.T @ nodes[self.nodes]
-        inward = np.cross(*tangents)
-        inward /= np.linalg.norm(inward)
-        middle = self.shape @ nodes[self.nodes] - (radius + max(gap, 0.0)) * inward
-        return TrueContact(np.array(touch.place), gap, force, radius, middle)
-
-
 class Touched(NamedTuple):
     """What touches in a slot, of which contact it is, and as sensors see it."""
 
@@ -112,8 +67,8 @@ class RobotSolver:
         made = robot.made
         self._robot, self._made = robot, made
         body = made.parts.body
-        sees = {sensor.name for sensor in made.suite.contact_sensors}
-        self._seeing = [sensor for sensor in made.settings.sensors if sensor.name in sees]
+        self._sees = {sensor.name: sensor.contact for sensor in made.suite.contact_sensors}
+        self._seeing = [sensor for sensor in made.settings.sensors if sensor.name in self._sees]
         with robot.drawn.told("point"):
             drawn = np.array([point.at for point in robot.drawn.points]).reshape(-1, 3)
             self._points = Carried.of(body, drawn)
@@ -144,7 +99,8 @@ class RobotSolver:
         touches, slots = episode.touches, self._slots(episode)
         radii = [self._made.parts.contacts[touch.contact].radius for touch in touches]
         poses: list[Mapping[str, np.ndarray]] = []
-        under = [self._under(touch) for touch in touches]
+        faces = np.asarray(self._made.parts.faces)
+        under = [Skin.under(self._made.parts.body, faces, np.array(touch.place)) for touch in touches]
         level = np.zeros(len(touches))
 
         def pose(
@@ -152,7 +108,7 @@ class RobotSolver:
         ) -> None:
             nodes = self.nodes(state)
             there = [
-                Touched(slot, touch.contact, skin.touched(nodes, touch, float(gap), float(force), radius))
+                Touched(slot, touch.contact, skin.touched(nodes, float(gap), float(force), radius))
                 for slot, touch, skin, gap, force, radius in zip(
                     slots, touches, under, gaps, forces, radii, strict=True
                 )
@@ -321,15 +277,9 @@ class RobotSolver:
             "held": np.asarray(float(held)),
         }
         for sensor, carried in zip(self._seeing, self._watched, strict=True):
-            seen = [each.seen for each in there if each.contact == sensor.contact]
+            seen = [each.seen for each in there if each.contact == self._sees[sensor.name]]
             pose[f"signal {sensor.name}"] = np.asarray(sensor.signal(made.parts, seen, carried.at(nodes)))
         return pose
-
-    def _under(self, touch: Touch) -> "_Skin":
-        place = np.array(touch.place)
-        surface = ContactSurface.pressed(np.asarray(self._made.parts.faces), np.asarray(direction_of(place)))
-        on = surface.land(self._made.parts.body.rest, jnp.asarray(place[:1]))
-        return _Skin(*(np.asarray(each[0]) for each in (on.nodes, on.shape, on.slopes)))
 
 
 @eqx.filter_jit

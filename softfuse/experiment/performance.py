@@ -96,6 +96,16 @@ class Performance:
         parts = [sensor.electronics(made.parts, rng) for sensor in made.settings.sensors]
         return side_by_side([*parts, equal_channels(len(made.commands), noise=0.0, step=_COMMANDED_STEP)])
 
+    def boards(self, count: int, seed: int) -> list[tuple[str, Programme, ChannelElectronics]]:
+        """Name, programme and electronics of one board, or of two as they are `apart`."""
+        programme, electronics, name = self.programme(), self.electronics(seed), self.robot.made.name
+        names = [name] if count == 1 else [f"{name} contacts", f"{name} readings"]
+        parts = [programme.channels] if count == 1 else self.apart
+        return [
+            (each, programme.only(own), electronics.taken([programme.channels.index(one) for one in own]))
+            for each, own in zip(names, parts, strict=True)
+        ]
+
     def recording(self, seed: int, noise: int) -> Columns:
         """All rows as real sensors, drawn from a seed, say them, with noise drawn from another, and the
         truth.

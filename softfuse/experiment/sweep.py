@@ -51,7 +51,7 @@ def drives_of(device: Model, series: Series, rest: Float[np.ndarray, " D"]) -> F
 def outcomes(device: Model, series: Series, places: Float[Array, "c 3 3"]) -> Iterator[Outcome]:
     """How the cases of a series at places (c, 3, 3) end on a device of these moduli and cables, one by one.
 
-    Each is searched from the last one that converged, the first from rest.
+    Each is searched from the last one that was found, the first from rest.
     """
     disc = device.contacts[0]
     if isinstance(disc, PunchContact) and float(_least_overlap(disc, device.body, places)) < 1.0:
@@ -63,15 +63,15 @@ def outcomes(device: Model, series: Series, places: Float[Array, "c 3 3"]) -> It
         solution = simulate(device, places, jnp.asarray(drive), at)
         reading, largest = _measured(device, places, solution.state)
         name = result_name(solution.result)
-        converged = name == "converged"
-        at = solution.state if converged else at
+        found = solution.success
+        at = solution.state if found else at
         yield Outcome(
             name,
             int(solution.stats.newton_iterations),
             int(solution.stats.load_steps),
             float(solution.stats.residual),
-            np.asarray(reading) if converged else np.full(device.n_readings, np.nan),
-            float(largest) if converged else np.nan,
+            np.asarray(reading) if found else np.full(device.n_readings, np.nan),
+            float(largest) if found else np.nan,
         )
 
 

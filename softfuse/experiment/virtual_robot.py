@@ -132,11 +132,11 @@ def _stiffening(material: Material, factor: float, name: str | None) -> YeohSett
     """So many times as stiff at small strains, and stiffening as a silicone."""
     shear, lame = factor * material.shear_modulus, factor * material.lame
     if name is None:
-        name = min(SILICONES, key=lambda each: abs(np.log(2.0 * SILICONES[each][0] / shear)))
+        name = min(SILICONES, key=lambda each: abs(np.log(2.0 * SILICONES[each].yeoh[0] / shear)))
     law = silicone_of_stiffness(name, shear, 0.5 * lame / (lame + shear))
     bulk = lame + 2.0 * shear / 3.0
-    constants = {key: float(getattr(law, key)) for key in ("c1", "c2", "c3")}
-    return YeohSettings.model_construct(law="yeoh", **constants, bulk=bulk, density=material.density)
+    c1, c2, c3 = (float(each) for each in (law.c1, law.c2, law.c3))
+    return YeohSettings.model_construct(law="yeoh", c1=c1, c2=c2, c3=c3, bulk=bulk, density=material.density)
 
 
 def _finer(settings: RobotSettings, mesh: RobotMesh, times: float) -> tuple[RobotSettings, RobotMesh]:

@@ -25,7 +25,8 @@ def key_path(location: Iterable[int | str]) -> str:
 
 def _line(item: Mapping[str, Any], raw: Mapping[str, Any], model: type[BaseModel]) -> str:
     kind, context = item["type"], item.get("ctx", {})
-    place, value = _untagged(item["loc"], raw, keep_last=kind in ("missing", "extra_forbidden"))
+    tags, _ = _walked(item["loc"], model)
+    place, value = _untagged(item["loc"], raw, tags, keep_last=kind in ("missing", "extra_forbidden"))
     if kind == "softfuse":
         inner = context["key"]
         path = key_path(place) + ("." if place and inner and inner[0] != "[" else "") + inner
@@ -45,7 +46,7 @@ def _message(
         case "missing":
             return "missing"
         case "extra_forbidden":
-            return _unknown(str(item["loc"][-1]), _keys(_model_at(item["loc"][:-1], model)))
+            return _unknown(str(item["loc"][-1]), _keys(_walked(item["loc"][:-1], model)[1]))
         case "literal_error":
             return f"{shown(value)} is none of {context['expected']}".replace("'", '"').replace(" or ", ", ")
         case "model_type" | "model_attributes_type" | "dict_type":
@@ -67,11 +68,13 @@ def _unknown(key: str, known: list[str]) -> str:
     return f"unknown key, the known ones are {', '.join(known)}"
 
 
-def _untagged(location: Location, raw: Any, *, keep_last: bool) -> tuple[Location, Any]:
+def _untagged(location: Location, raw: Any, tags: list[bool], *, keep_last: bool) -> tuple[Location, Any]:
     """The location without the tags of unions that pydantic puts into it, and the value in the file."""
     place: list[int | str] = []
     value = raw
     for k, part in enumerate(location):
+        if tags[k]:
+            continue
         if isinstance(part, str) and isinstance(value, Mapping):
             if part in value:
                 value = value[part]
@@ -85,19 +88,21 @@ def _untagged(location: Location, raw: Any, *, keep_last: bool) -> tuple[Locatio
     return tuple(place), value
 
 
-def _model_at(location: Location, model: type[BaseModel]) -> list[type[BaseModel]]:
-    """The models that may stand at a location."""
-    models = [model]
+def _walked(location: Location, model: type[BaseModel]) -> tuple[list[bool], list[type[BaseModel]]]:
+    """Which parts of a location are tags of unions, and the models that may stand at it.
+
+    A tag may be called as a key of what it stands for is: it comes once, and first.
+    """
+    models, told, tags = [model], False, []
     for part in location:
-        if isinstance(part, int):
-            continue
-        tagged = [m for m in models if part in _literals(m)]
+        tagged = [] if told or isinstance(part, int) else [m for m in models if part in _literals(m)]
+        tags.append(bool(tagged))
         if tagged:
-            models = tagged
-            continue
-        fields = [f for m in models for name, f in m.model_fields.items() if part == (f.alias or name)]
-        models = [m for f in fields for m in _models_in(f.annotation)]
-    return models
+            models, told = tagged, True
+        elif not isinstance(part, int):
+            fields = [f for m in models for name, f in m.model_fields.items() if part == (f.alias or name)]
+            models, told = [m for f in fields for m in _models_in(f.annotation)], False
+    return tags, models
 
 
 def _models_in(annotation: Any) -> list[type[BaseModel]]:
@@ -119,7 +124,7 @@ def _is_tag(annotation: Any) -> bool:
 
 
 def _tags(location: Location, model: type[BaseModel]) -> list[str]:
-    return [f"'{tag}'" for m in _model_at(location, model) for tag in _literals(m)]
+    return [f"'{tag}'" for m in _walked(location, model)[1] for tag in _literals(m)]
 
 
 def _keys(models: Iterable[type[BaseModel]]) -> list[str]:

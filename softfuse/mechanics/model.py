@@ -19,7 +19,7 @@ from softfuse.mechanics.gas import SealedGas
 from softfuse.mechanics.linear_solver import AbstractLinearSolver
 from softfuse.mechanics.load import AbstractContact, AbstractLoad, Loads
 from softfuse.mechanics.newton import Newton, solve
-from softfuse.mechanics.reading import AbstractReading, AnswerReading, Equilibrium
+from softfuse.mechanics.reading import AbstractReading, Equilibrium
 from softfuse.mechanics.solution import Solution, State
 
 _Load = TypeVar("_Load", bound=AbstractLoad)
@@ -47,11 +47,7 @@ class Model(eqx.Module):
     @property
     def answered(self) -> Int[np.ndarray, " k"]:
         """The actuators' drive (k,) that each reading answers; -1 for those that answer none."""
-        each = [
-            reading.numbers if isinstance(reading, AnswerReading) else (-1,) * reading.count
-            for reading in self.readings
-        ]
-        return np.array([number for numbers in each for number in numbers], int)
+        return np.array([number for reading in self.readings for number in reading.answered], int)
 
     def kinds(self, count: int) -> tuple[AbstractContact, ...]:
         """What each of so many contacts is."""

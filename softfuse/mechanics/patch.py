@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.body.base import AbstractBody
 from softfuse.functional.chart import direction_of
@@ -166,3 +166,13 @@ class PatchContact(AbstractContact):
     def overlap(self, body, place):
         """The least of the patches'."""
         return jnp.min(jnp.stack([patch.overlap(body) for patch in self.at(place)]))
+
+    def lands(self, body: AbstractBody, place: Float[Array, "3 3"]) -> Bool[Array, ""]:
+        """Whether the middle of each patch at a place is no further than the radius from where its direction
+        enters the body at rest.
+        """
+        patches = self.at(place)
+        middles = jnp.stack([patch.location for patch in patches])
+        on = patches[0].surface.land(body.rest, middles)
+        apart = jnp.linalg.norm(jnp.einsum("ps,psi->pi", on.shape, body.rest[on.nodes]) - middles, axis=1)
+        return jnp.all(on.met & (apart <= self.radius))

@@ -51,6 +51,11 @@ class AbstractReading(eqx.Module):
     def count(self) -> int:
         """How many numbers."""
 
+    @property
+    def answered(self) -> tuple[int, ...]:
+        """The actuators' drive (count,) that each number answers; -1 for those that answer none."""
+        return (-1,) * self.count
+
     @abstractmethod
     def of(self, at: Equilibrium) -> Float[Array, " count"]:
         """The numbers (count,) in SI units, 0 at rest."""
@@ -83,6 +88,11 @@ class AnswerReading(AbstractReading):
         """One for each drive."""
         return len(self.numbers)
 
+    @property
+    def answered(self):
+        """Those drives."""
+        return self.numbers
+
     def of(self, at):
         """The answers."""
         return at.answers[np.array(self.numbers, int)]
@@ -112,6 +122,11 @@ class JointReading(AbstractReading):
     def count(self):
         """That of all."""
         return sum(part.count for part in self.parts)
+
+    @property
+    def answered(self):
+        """Those of all."""
+        return tuple(number for part in self.parts for number in part.answered)
 
     def of(self, at):
         """All numbers."""

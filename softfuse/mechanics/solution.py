@@ -1,10 +1,16 @@
 """What an equilibrium is, and how its search ended."""
 
+import json
+from dataclasses import fields
+from pathlib import Path
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from softfuse.body.base import AbstractBody
+from softfuse.errors import SolveError
 from softfuse.mechanics.load import Loads
 
 
@@ -45,6 +51,31 @@ class State(eqx.Module):
         """The undeformed state."""
         return cls(jnp.zeros(body.n), *loads.start())
 
+    def lists(self) -> dict[str, list[float]]:
+        """All of it as plain numbers, for a file that `read_state` reads."""
+        return {each.name: np.asarray(getattr(self, each.name)).tolist() for each in fields(self)}
+
+
+def read_state(path: Path, like: State) -> State:
+    """The state in a JSON file of `softfuse simulate`, for a body and loads with as many unknowns as `like`
+    has. Raises SolveError for any other file.
+    """
+    try:
+        lists = json.loads(path.read_text())["state"]
+        found = State(**{each.name: jnp.asarray(lists[each.name], float) for each in fields(State)})
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SolveError(
+            f"{path}: no state to begin with ({error}): give a file that softfuse simulate --json wrote"
+        ) from error
+    for each in fields(State):
+        have, want = getattr(found, each.name).shape, getattr(like, each.name).shape
+        if have != want:
+            raise SolveError(
+                f"{path}: state.{each.name} has {have[0]} numbers, this body and its loads have {want[0]}: "
+                "begin with a state of the same mesh, contact and cables"
+            )
+    return found
+
 
 class Stats(eqx.Module):
     """What a solve took: Newton iterations, accepted load steps, those of them in which the body snapped;
@@ -65,3 +96,18 @@ class Solution(eqx.Module):
     state: State
     result: RESULTS
     stats: Stats
+
+    @property
+    def success(self) -> bool:
+        """Whether the state is an equilibrium under all that was asked for, after snaps or without."""
+        return bool((self.result == RESULTS.converged) | (self.result == RESULTS.snapped))
+
+    @property
+    def snapped(self) -> bool:
+        """Whether it snapped on the way there."""
+        return bool(self.result == RESULTS.snapped)
+
+    @property
+    def words(self) -> str:
+        """How the search ended, in a sentence."""
+        return RESULTS[self.result]

@@ -12,9 +12,10 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from softfuse.errors import MeshError
 
@@ -156,7 +157,7 @@ def _mesh(part: _Part, path: Path) -> "meshio.Mesh":
 
     number = {label: k for k, label in enumerate(part.label)}
     kinds, cells = list(part.kinds), [list(block.values()) for block in part.cells]
-    sets = {
+    sets: dict[str, list[ArrayLike]] = {
         name: [_positions(block, labels) for block in part.cells]
         for name, labels in part.element_sets.items()
     }
@@ -168,11 +169,11 @@ def _mesh(part: _Part, path: Path) -> "meshio.Mesh":
             kinds.append(kind)
             cells.append(faces)
     try:
-        blocks = [
+        blocks: list[Any] = [
             meshio.CellBlock(kind, np.array([[number[each] for each in cell] for cell in block]))
             for kind, block in zip(kinds, cells, strict=True)
         ]
-        points = {
+        points: dict[str, ArrayLike] = {
             name: np.array([number[each] for each in labels]) for name, labels in part.node_sets.items()
         }
     except KeyError as error:

@@ -48,7 +48,7 @@ def hollowed(body: Shell, chambers: Sequence[Shell]) -> Shell:
             raise MeshError(
                 f"chamber {k} around {_mm(centroid(chamber.nodes, chamber.faces))} mm has "
                 f"{1e9 * (size - common):.4g} of its {1e9 * size:.4g} mm³ outside the material: check the "
-                "unit and the place of its file; one that is open is cut out of the body's surface, with mouth"
+                "unit and the place of its file; one that is open is cut out of the body, with mouth"
             )
         starts = sum(len(each) for each in nodes)
         nodes.append(chamber.nodes)

@@ -1,7 +1,7 @@
 """Meshes and surfaces in files.
 
 Solid cells: everything that meshio reads (VTK, VTU, XDMF, MED, medit ...), Gmsh and Abaqus; what is no
-tetrahedron is cut into some (`cells`). Surfaces: STL, OBJ, PLY, OFF, through trimesh.
+tetrahedron is cut into some (`cells`). Surfaces: STL, OBJ, PLY, OFF, through trimesh; STEP (`step`).
 
 XDMF and MED files go through h5py. The order of nodes in a quadratic tetrahedron is meshio's tetra10 (VTK's)
 whatever the file format. Material regions are taken from the cell data "region", else from a Gmsh file's
@@ -24,6 +24,7 @@ from softfuse.mesh.gmsh import is_gmsh_41, read_gmsh_41
 from softfuse.mesh.groups import TAGS, file_groups
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.shell import Shell, checked
+from softfuse.mesh.step import read_step
 from softfuse.mesh.tetmesh import TetMesh
 
 log = logging.getLogger(__name__)
@@ -111,9 +112,11 @@ def write_mesh(
 
 
 def read_surface(path: str | Path, *, scale: float = 1.0) -> Shell:
-    """The closed surface in an STL, OBJ, PLY or OFF file, equal corners merged, normals out of the material.
+    """The closed surface in an STL, OBJ, PLY, OFF or STEP file, equal corners merged, normals out of the
+    material.
 
-    scale: metres per unit of the file (STL has no unit; CAD programs mostly write millimetres, 1e-3). Raises
+    scale: metres per unit of the file (STL has no unit; CAD programs mostly write millimetres, 1e-3); a STEP
+    file says its unit itself, and scale does not count. Raises
     MeshError when the file is missing or unreadable, and where `softfuse.mesh.shell.checked` does.
     """
     import trimesh
@@ -122,6 +125,8 @@ def read_surface(path: str | Path, *, scale: float = 1.0) -> Shell:
     if not path.is_file():
         raise MeshError(f"there is no file {path}: correct the path")
     check_ending(path)
+    if path.suffix.lower() in (".step", ".stp"):
+        return read_step(path)
     try:
         raw = trimesh.load_mesh(path, process=False)
     except _UNREADABLE as error:

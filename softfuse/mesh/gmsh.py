@@ -8,9 +8,10 @@ Source: Gmsh 4.13 reference manual, "MSH file format" and "Node ordering".
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from softfuse.errors import MeshError
 
@@ -212,22 +213,22 @@ def _mesh(
         raise ValueError("no $Nodes or no $Elements")
     place = np.full(label.max() + 1, -1)
     place[label] = np.arange(len(label))
-    cells = [meshio.CellBlock(kind, place[cell]) for _, _, kind, _, cell in blocks]
+    cells: list[Any] = [meshio.CellBlock(kind, place[cell]) for _, _, kind, _, cell in blocks]
     if any((block.data < 0).any() for block in cells):
         raise ValueError("an element names a node that is not there")
     own = [groups.get((dimension, tag), []) for dimension, tag, *_ in blocks]
     physical = [np.full(len(b.data), abs(g[0]) if g else 0) for b, g in zip(cells, own, strict=True)]
-    sets = {
+    sets: dict[str, list[ArrayLike]] = {
         name: [
             np.arange(len(b.data) if dimension == at and number in map(abs, g) else 0)
             for b, g, (at, *_) in zip(cells, own, blocks, strict=True)
         ]
         for (dimension, number), name in names.items()
     }
-    cell_data = {"gmsh:physical": physical} if any(own) else {}
+    cell_data: dict[str, list[ArrayLike]] = {"gmsh:physical": [*physical]} if any(own) else {}
     for name, rows in fields["ElementData"].items():
         cell_data[name] = [_at(rows, labels) for _, _, _, labels, _ in blocks]
-    points = {name: _at(rows, label) for name, rows in fields["NodeData"].items()}
+    points: dict[str, ArrayLike] = {name: _at(rows, label) for name, rows in fields["NodeData"].items()}
     return meshio.Mesh(nodes, cells, point_data=points, cell_data=cell_data, cell_sets=sets)
 
 

@@ -68,16 +68,16 @@ def _cell_groups(raw: "meshio.Mesh") -> Iterator[tuple[str, "meshio.CellBlock", 
     """Name, block and positions in it of what is in each group."""
     for name, parts in raw.cell_sets.items():
         if not name.startswith("gmsh:"):
-            yield from ((name, block, part) for block, part in zip(raw.cells, parts, strict=False))
+            pairs = zip(raw.cells, parts, strict=False)
+            yield from ((name, block, np.asarray(part)) for block, part in pairs)
     tags = next((raw.cell_data[name] for name in TAGS if name in raw.cell_data), None)
     if tags is None:
         return
     dimension = {kind: k for k, kinds in enumerate((("triangle", "quad"), _SOLIDS)) for kind in kinds}
     named = {(int(tag), int(at)): name for name, (tag, at) in _physical(raw).items()}
     families = getattr(raw, "cell_tags", {})
-    taken = {
-        int(t) for b, part in zip(raw.cells, tags, strict=True) if _family(b) not in _SOLIDS for t in part
-    }
+    flat = [part for block, part in zip(raw.cells, tags, strict=True) if _family(block) not in _SOLIDS]
+    taken = {int(tag) for part in flat for tag in np.ravel(part)}
     for block, part in zip(raw.cells, tags, strict=True):
         kind = _family(block)
         for tag in np.unique(part):
@@ -99,7 +99,7 @@ def _physical(raw: "meshio.Mesh") -> dict[str, np.ndarray]:
 
 
 def _node_groups(raw: "meshio.Mesh") -> Iterator[tuple[str, np.ndarray]]:
-    yield from raw.point_sets.items()
+    yield from ((name, np.asarray(nodes)) for name, nodes in raw.point_sets.items())
     families = getattr(raw, "point_tags", {})
     for name, values in raw.point_data.items():
         values = np.asarray(values)

@@ -162,7 +162,8 @@ def write_report(path: Path, calibrated: Calibrated) -> None:
                 picture(
                     _misfits(calibrated, sensor),
                     f"{sensor[0]}: measured minus modelled readings over measured ones, before and after the "
-                    "fit; before: as configured, but for layers and cables of typical compliance where none is configured.",
+                    "fit; before: as configured, but for layers and cables of typical compliance "
+                    "where none is configured.",
                 )
                 for sensor in calibrated.sensors
             ),

@@ -1,5 +1,5 @@
-"""The stages of `softfuse evaluate`: what a virtual test bed does, recorded as a real one would, and estimates of
-its recordings, each on a core of its own.
+"""The stages of `softfuse evaluate`: what a virtual test bed does, recorded as a real one would, and
+estimates of its recordings, each on a core of its own.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -30,8 +30,8 @@ def record(bed: Bed, folder: Path, *, solved: Callable[[], None]) -> list[Path]:
     """A recording of each thing that is done, in folder/recordings; those that are there are kept, as are
     equilibria in folder/equilibria.
 
-    `solved` is called after each equilibrium. Raises SolveError when the body cannot be pressed, SoftfuseError
-    when a file cannot be written.
+    `solved` is called after each equilibrium. Raises SolveError when the body cannot be pressed,
+    SoftfuseError when a file cannot be written.
     """
     paths = [folder / "recordings" / f"{name}.csv.gz" for name in bed.names]
     if all(path.exists() for path in paths):

@@ -1,7 +1,8 @@
 """Which of several contacts that were found is which of those that truly are there: those that are nearest
 together.
 
-In each sample true and found contacts are assigned one to one so that the sum of their distances is least.
+In each sample true and found contacts are assigned one to one so that the sum of their distances is least,
+where those that are too far apart count the same.
 """
 
 from collections.abc import Sequence
@@ -45,7 +46,7 @@ def matched_contacts(found: Sequence[Tracked], truth: Truth, slots: Sequence[str
         return None
     used = ["xyz".index(axis) for axis in axes]
     rows, missed, misplaced = [], 0, 0
-    for i, true in zip(at, pressed, strict=True):
+    for i, true in zip(at.tolist(), pressed, strict=True):
         now = found[i]
         there = np.flatnonzero(now.touching & np.isfinite(now.location_m).all(axis=1))
         which = _assigned(places[i, true], now.location_m[there][:, used])
@@ -64,7 +65,8 @@ def matched_contacts(found: Sequence[Tracked], truth: Truth, slots: Sequence[str
 def _assigned(true: Float[np.ndarray, "t d"], found: Float[np.ndarray, "c d"]) -> list[int | None]:
     """The number of that of the found places which is each true one's (t,), None where there is none."""
     apart = np.linalg.norm(true[:, None] - found, axis=2)
-    pairs = dict(zip(*linear_sum_assignment(apart), strict=True))
+    # How far apart those are that are none does not matter.
+    pairs = dict(zip(*linear_sum_assignment(np.minimum(apart, _FAR_M)), strict=True))
     return [int(pairs[t]) if t in pairs and apart[t, pairs[t]] < _FAR_M else None for t in range(len(true))]
 
 

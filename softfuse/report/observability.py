@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from softfuse.errors import ConfigError
+from softfuse.estimation.doubts import TrackerSettings
 from softfuse.estimation.observability import Observability, observability, response
-from softfuse.estimation.tracker import TrackerSettings
 from softfuse.functional.workspace import FlatWorkspace
 from softfuse.report.observability_figures import maps, spots
 from softfuse.report.page import page, picture, table
@@ -201,8 +201,8 @@ def reading_sigma(robot: Robot, held_s: float) -> Float[np.ndarray, " k"]:
         def step(state, now, sensor=sensor):
             time_s, raw, touching = now
             dt = jnp.where(time_s > 0, _STEP_S, 0.0)
-            frame = FrameTime(time_s, dt, jnp.asarray(True), time_s == 0)
             no = jnp.asarray(False)
+            frame = FrameTime(time_s, dt, ~no, no, time_s == 0)
             context = Context(touching, touching, no, ~touching, no, ~touching, no)
             state, measured = sensor.update(state, frame, raw, context)
             return state, measured.sigma

@@ -1,4 +1,6 @@
-"""What `softfuse evaluate` says of presses: Tables I and II, intervals, Figures 9 to 11 of Navarro et al. 2020."""
+"""What `softfuse evaluate` says of presses: Tables I and II, intervals, Figures 9 to 11 of Navarro et al.
+2020.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields

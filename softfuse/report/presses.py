@@ -85,7 +85,11 @@ def _on_places(robot: Robot, truth: Truth) -> tuple[np.ndarray, np.ndarray, Bool
     # Of further contacts an empty row says that there are none.
     known[:, 1:] |= ~np.isfinite(force[:, 1:]) & (place[:, 1:] == NOWHERE)
     # What a force sensor reads below 0 is its noise.
-    return np.maximum(np.nan_to_num(force), 0.0), table[np.where(there, place, 0)], np.asarray(known.all(axis=1))
+    return (
+        np.maximum(np.nan_to_num(force), 0.0),
+        table[np.where(there, place, 0)],
+        np.asarray(known.all(axis=1)),
+    )
 
 
 def _anywhere(robot: Robot, truth: Truth) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, " n"]]:

@@ -233,7 +233,7 @@ def _drawn(study: Study, peak: Peak) -> Shape:
     now, columns, body = peak.estimate, study.columns, study.robot.model.body
     tracked = now.tracked
     at, force = columns.contacts(now)
-    touched = np.flatnonzero(tracked.touching)
+    touched = np.flatnonzero(tracked.touching).tolist()
     values = dict(zip((column.name for column in columns.columns), study.values(peak.frame), strict=True))
     parts = [f"{tracked.contact_force_N[c]:.2f} N at {_where(study, peak, values, c)}" for c in touched]
     parts += [

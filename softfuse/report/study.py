@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -135,8 +136,8 @@ class Study:
 
     @cached_property
     def sampled(self) -> Int[np.ndarray, " s"]:
-        """The frames (s,) at which place and force of the contacts are known and something presses; none where
-        these are at places with names.
+        """The frames (s,) at which place and force of the contacts are known and something presses; none
+        where these are at places with names.
         """
         if any(self.columns.named):
             return np.zeros(0, int)
@@ -155,7 +156,7 @@ class Study:
         charts = [contact.chart for contact in self.robot.parts.contacts.values()]
         used = np.zeros(3, bool)
         for chart in charts:
-            directions = np.eye(3) if chart is None else np.asarray(chart.place(np.zeros(2)))[1:]
+            directions = np.eye(3) if chart is None else np.asarray(chart.place(jnp.zeros(2)))[1:]
             used |= np.any(np.abs(directions) > 1e-9, axis=0)
         return [axis for axis, there in zip("xyz", used, strict=True) if there]
 

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from softfuse.functional.cavity import Cavity
 from softfuse.functional.centreline import bending, tip_turn
 from softfuse.functional.chart import direction_of
 from softfuse.functional.contact import ContactSurface
@@ -70,7 +71,7 @@ class Watched(eqx.Module):
     model: Model
     points: _Carried
     centreline: _Carried | None
-    chambers: tuple[eqx.Module, ...]
+    chambers: tuple[Cavity, ...]
     faces: Int[Array, "f s"]
 
     @classmethod

@@ -102,7 +102,7 @@ def with_moduli(device: Model, config: RobotSettings, factor: float) -> Model:
     """A device of a config with all moduli of all materials multiplied by a factor."""
     scaled = tuple(each.model_copy(update=each.stiffness_times(factor)) for each in config.body.materials)
     settings = config.body.model_copy(update={"materials": scaled})
-    materials = materials_of(config.model_copy(update={"body": settings}).body)
+    materials = materials_of(settings)
     assert isinstance(device.body, Body)  # as devices are built from configurations
     body = device.body.with_materials(materials)
     # As if it had been built of these materials.

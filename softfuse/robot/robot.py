@@ -5,9 +5,10 @@ file; readings are those of the sensors in their order. `Addresses` says which n
 counts them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -20,9 +21,10 @@ from softfuse.functional.cavity import Cavity
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.functional.workspace import AbstractWorkspace
 from softfuse.mechanics.gas import SealedGas
-from softfuse.mechanics.load import AbstractLoad
+from softfuse.mechanics.load import AbstractContact, AbstractLoad
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.mechanics.patch import PatchContact
 from softfuse.mechanics.prescribed import PrescribedForce
 from softfuse.mechanics.reading import AbstractReading
 from softfuse.mechanics.volume import VolumePorts
@@ -31,6 +33,7 @@ from softfuse.robot.laws import materials_of
 from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.robot.points import surface_tolerance
 from softfuse.robot.settings import RobotSettings
+from softfuse.sensors.electrodes.sensor import ElectrodeSettings
 from softfuse.sensors.parts import CablePart, ChamberPart, ContactPart, Parts
 from softfuse.sensors.suite import SensorSuite
 
@@ -177,6 +180,7 @@ def build_robot(settings: RobotSettings, mesh: RobotMesh | None = None) -> Robot
     rest = mesh.mesh.nodes
     slots, kinds, workspaces = _slots(settings, rest, faces)
     contacts = tuple(contact.contact(faces, rest) for contact in settings.contacts)
+    _check_electrodes(settings, body, contacts)
     model = Model(body, readings, contacts, Multifrontal.plan(body), actuators, kinds)
     addresses = Addresses(drives, numbers, slots)
     return Robot(settings, mesh, parts, model, suite, addresses, _commands(settings, drives), workspaces)
@@ -227,11 +231,33 @@ def _sensors(
     settings: RobotSettings, parts: Parts
 ) -> tuple[SensorSuite, tuple[AbstractReading, ...], dict[str, slice]]:
     """All sensors, what they measure, and which readings are whose."""
-    with settings.told("sensor"):
+    try:
         suite = SensorSuite.of(settings.sensors, parts)
-        each = [sensor.functional(parts) for sensor in settings.sensors]
+    except ConfigError as error:  # which names the sensor
+        raise ConfigError(f"{settings.path}: {error}") from error
+    each = []
+    for k, sensor in enumerate(settings.sensors):
+        with settings.told(f"sensor[{k}]"):
+            each.append(sensor.functional(parts))
     readings = tuple(reading for reading in each if reading is not None)
     return suite, readings, {name: suite.outputs[name] for name in suite.outputs.names}
+
+
+def _check_electrodes(settings: RobotSettings, body: Body, contacts: Sequence[AbstractContact]) -> None:
+    """Raise ConfigError for an electrode that is off the surface on which its contact presses."""
+    kinds = {contact.name: kind for contact, kind in zip(settings.contacts, contacts, strict=True)}
+    for k, sensor in enumerate(settings.sensors):
+        kind = kinds[sensor.contact] if isinstance(sensor, ElectrodeSettings) else None
+        if isinstance(sensor, ElectrodeSettings) and isinstance(kind, PatchContact):
+            places = jnp.asarray(np.stack([electrode.place() for electrode in sensor.electrodes]))
+            lands = np.asarray(jax.vmap(lambda place, on=kind: on.lands(body, place))(places))
+            for number in np.flatnonzero(~lands)[:1]:
+                raise ConfigError(
+                    f"{settings.path}: sensor[{k}].electrodes[{number}].centre: "
+                    f'"{sensor.electrodes[number].name}" is not within the radius of contact '
+                    f'"{sensor.contact}" of where its direction enters the body: move it onto the surface, '
+                    "or turn the direction"
+                )
 
 
 def _slots(

@@ -121,6 +121,7 @@ class RobotSettings(FileSettings):
         }
         for key, parts in named.items():
             _check_names(key, [part.name for part in parts])
+        _check_places(self.sensors)
         channels = self.channels
         twice = {name for name in channels if channels.count(name) > 1}
         if twice:
@@ -138,3 +139,16 @@ def _check_names(key: str, names: Sequence[str]) -> None:
             raise wrong_value(
                 f'the name "{name}" is taken by {key}[{names.index(name)}]', key=f"{key}[{k}].name"
             )
+
+
+def _check_places(sensors: Sequence[SensorSettings]) -> None:
+    """Raise the error of a validator for two electrodes of one name: it names their place."""
+    taken: dict[str, str] = {}
+    for k, sensor in enumerate(sensors):
+        if isinstance(sensor, ElectrodeSettings):
+            for number, electrode in enumerate(sensor.electrodes):
+                key = f"sensor[{k}].electrodes[{number}]"
+                if electrode.name in taken:
+                    told = f'the name "{electrode.name}" is taken by {taken[electrode.name]}'
+                    raise wrong_value(told, key=f"{key}.name")
+                taken[electrode.name] = key

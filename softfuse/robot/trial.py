@@ -20,7 +20,7 @@ from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.model import simulate as equilibrium_under
-from softfuse.mechanics.solution import RESULTS, Solution, State, result_name
+from softfuse.mechanics.solution import Solution, State, result_name
 from softfuse.robot.contacts import ContactSettings
 from softfuse.robot.names import named_places
 from softfuse.robot.posture import Posture, Watched
@@ -107,10 +107,24 @@ class Trial:
 
     def solved(self) -> Solution:
         """The equilibrium; raises SolveError where none was found."""
-        solution = equilibrium_under(self.model, jnp.asarray(self.places), self.drive)
-        if result_name(solution.result) != "converged":
-            raise SolveError(f"no equilibrium under this: {RESULTS[solution.result]}")
+        solution = self.searched()
+        if not solution.success:
+            raise SolveError(self.failure(solution))
         return solution
+
+    @property
+    def rest(self) -> State:
+        """The body at rest."""
+        return self.model.rest_state(jnp.asarray(self.places))
+
+    def searched(self, start: State | None = None) -> Solution:
+        """The equilibrium, or the last one on the way to it, from a state or from rest."""
+        return equilibrium_under(self.model, jnp.asarray(self.places), self.drive, start)
+
+    def failure(self, solution: Solution) -> str:
+        """Why no equilibrium was found, and how far the search came."""
+        reached = 100 * float(solution.stats.reached)
+        return f"no equilibrium under this: {solution.words}. The search came {reached:.3g} % of the way"
 
     def numbers(self, solution: Solution) -> dict[str, Any]:
         """What holds in an equilibrium, by names: contacts, cables, chambers, readings, points, bending."""
@@ -120,17 +134,19 @@ class Trial:
         posture = Watched.on(robot).posture(state)
         drives = robot.addresses.drives
         readings = np.asarray(model.reading(state, at))
+        ends = np.cumsum([kind.drives for kind in self.model.contacts])
+        forces = np.split(np.asarray(state.drive)[: ends[-1] if ends.size else 0], ends[:-1])[: len(ends)]
         return {
             "contacts": [
                 {
                     "contact": name,
                     "at": press.at,
                     "place_mm": _mm(place[0]),
-                    "force_N": press.force_N,
+                    "force_N": float(np.sum(force)),
                     "depth_mm": 1e3 * depth,
                 }
-                for name, press, place, depth in zip(
-                    self.contacts, self.presses, self.places, self._depths(state), strict=True
+                for name, press, place, depth, force in zip(
+                    self.contacts, self.presses, self.places, self._depths(state), forces, strict=True
                 )
             ],
             "cables": {
@@ -163,6 +179,8 @@ class Trial:
             "newton_iterations": int(solution.stats.newton_iterations),
             "residual_N": float(solution.stats.residual),
             "result": result_name(solution.result),
+            "reached": float(solution.stats.reached),
+            "state": solution.state.lists(),
         }
 
     def _depths(self, state: State) -> list[float]:

@@ -44,7 +44,7 @@ class CableLength(AbstractSensor):
 
     def init(self):
         """Nothing has been read: mean lengths (b,) [m]."""
-        return jnp.full(len(self.channels), jnp.nan)
+        return jnp.full(len(self.channels), jnp.nan, float)
 
     def driven(self, state, raw):
         """Whether a cable is pulled beyond its slack."""

@@ -16,8 +16,8 @@ from softfuse.sensors.electronics import equal_channels
 class CableTensionSettings(DirectSettings):
     """Load cells on cables, one channel for each, `unit` of force for each one of it.
 
-    noise, offset_sigma: of a reading and of its zero in N; slack in N: a cable that pulls by less leaves the body at
-    rest.
+    noise, offset_sigma: of a reading and of its zero in N; slack in N: a cable that pulls by less leaves the
+    body at rest.
     """
 
     type: Literal["cable-tension"] = "cable-tension"

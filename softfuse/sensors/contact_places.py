@@ -1,4 +1,4 @@
-"""Places of contacts that sensors see in coordinates of a chart, and one place of several that see the same."""
+"""Places of contacts that sensors see in coordinates of a chart, and one of several that see the same."""
 
 import jax
 import jax.numpy as jnp

@@ -1,10 +1,10 @@
 """How a fibre with several cores is bent at stations, by the wavelengths of its Bragg gratings.
 
-A grating's wavelength shifts by Δλ/λ = (1 − p_e) ε_i + α ΔT (Hill and Meltz, J. Lightwave Technol. 15 (1997) 1263;
-p_e = 0.22, α = 6.7e-6/K + 0.55e-6/K for silica); a core at distance d and angle θ_i from the section's first axis is
-strained by ε_i = ε − d (κ₁ cos θ_i + κ₂ sin θ_i), see `functional.curvature`. Three cores or more tell κ and what
-they have in common, ε + α ΔT/(1 − p_e); least squares. Without a channel of the temperature, that common part tells
-of neither and is left out; with one, ε is read as well.
+A grating's wavelength shifts by Δλ/λ = (1 − p_e) ε_i + α ΔT (Hill and Meltz, J. Lightwave Technol. 15 (1997)
+1263; p_e = 0.22, α = 6.7e-6/K + 0.55e-6/K for silica); a core at distance d and angle θ_i from the section's
+first axis is strained by ε_i = ε − d (κ₁ cos θ_i + κ₂ sin θ_i), see `functional.curvature`. Three cores or
+more tell κ and what they have in common, ε + α ΔT/(1 − p_e); least squares. Without a channel of the
+temperature, that common part tells of neither and is left out; with one, ε is read as well.
 """
 
 from typing import Annotated, Literal, Self
@@ -65,8 +65,8 @@ class StationBending(MaterialFunctional):
 class Bending(AbstractConvert):
     """κ₁, κ₂, or ε, κ₁, κ₂ where the last channel is the temperature [°C], of wavelengths (s c,) in any unit.
 
-    `at_rest` (s, c): wavelengths of a straight fibre at `temperature` [K]; `solving` (3, c): from strains of the cores
-    to ε, κ₁, κ₂; `strain_optic` 1 − p_e [-]; `thermal` α [1/K].
+    `at_rest` (s, c): wavelengths of a straight fibre at `temperature` [K]; `solving` (3, c): from strains of
+    the cores to ε, κ₁, κ₂; `strain_optic` 1 − p_e [-]; `thermal` α [1/K].
     """
 
     at_rest: Float[Array, "s c"]
@@ -87,12 +87,14 @@ class Bending(AbstractConvert):
 
 
 class BraggSettings(DirectSettings):
-    """A fibre along `path` (p, 3) m with gratings at `stations` in m from its beginning, in cores at `angles` rad.
+    """A fibre along `path` (p, 3) m with gratings at `stations` in m from its beginning, in cores at `angles`
+    rad.
 
-    channels: wavelengths of the first station's cores, then of the next, in nm. wavelengths: of each when the fibre is
-    straight at `temperature`, one value, one for each core, or one for each. distance: of the cores from the middle in
-    m; across (3,): from the middle towards angle 0; gauge: length of a grating in m. temperature_channel in °C. noise,
-    offset_sigma: of a wavelength and of it at rest, drift of that per second, relative to it.
+    channels: wavelengths of the first station's cores, then of the next, in nm. wavelengths: of each when the
+    fibre is straight at `temperature`, one value, one for each core, or one for each. distance: of the cores
+    from the middle in m; across (3,): from the middle towards angle 0; gauge: length of a grating in m.
+    temperature_channel in °C. noise, offset_sigma: of a wavelength and of it at rest, drift of that per
+    second, relative to it.
     """
 
     type: Literal["bragg-gratings"] = "bragg-gratings"

@@ -2,9 +2,10 @@
 
     value = mean over `average` of f(raw) − zero
 
-f is the kind's own `convert`. The zero is taken and followed at rest (`tare`) where it is `tared`, else it is what a
-perfect part says of the body at rest, which is then off by `offset_sigma` for good. The exponential mean leaves
-σ √(dt / 2τ) of the noise and lags τ behind. What is missing is not valid, and leaves the mean where it was.
+f is the kind's own `convert`. The zero is taken and followed at rest (`tare`) where it is `tared`, else it is
+what a perfect part says of the body at rest, which is then off by `offset_sigma` for good. The exponential
+mean leaves σ √(dt / 2τ) of the noise and lags τ behind. What is missing is not valid, and leaves the mean
+where it was.
 """
 
 from abc import abstractmethod
@@ -53,9 +54,9 @@ class DirectState(eqx.Module):
 class Direct(AbstractSensor):
     """k readings of n channels.
 
-    `rest` (k,): values of a perfect part at rest; `noise`, `offset_sigma` (k,): standard deviations of a value, and of
-    its zero where it is not tared; `gain_sigma` [-]: of the gain; `driven_above` (k,): changes that only a driven
-    actuator makes, ∞ where none does.
+    `rest` (k,): values of a perfect part at rest; `noise`, `offset_sigma` (k,): standard deviations of a
+    value, and of its zero where it is not tared; `gain_sigma` [-]: of the gain; `driven_above` (k,): changes
+    that only a driven actuator makes, ∞ where none does.
     """
 
     name: str = eqx.field(static=True)
@@ -116,10 +117,10 @@ class Direct(AbstractSensor):
 class DirectSettings(SensorSettings):
     """What such sensors have in common; kinds give the size of their zero's and noise's errors.
 
-    tared: whether the zero is taken at rest, within settle, and followed with the time constant follow, in s; else
-    what a perfect part says of the model at rest is the zero. gate_sigma: what is further from the zero, in standard
-    deviations, is none; after relearn, in s, of it the zero is learnt anew. gain_sigma: relative error of a part;
-    average in s.
+    tared: whether the zero is taken at rest, within settle, and followed with the time constant follow, in s;
+    else what a perfect part says of the model at rest is the zero. gate_sigma: what is further from the zero,
+    in standard deviations, is none; after relearn, in s, of it the zero is learnt anew. gain_sigma: relative
+    error of a part; average in s.
     """
 
     tared: bool = True

@@ -1,7 +1,8 @@
-"""Lengths of a line in the material between stations: liquid-metal channels, stretch resistors, strain fibres.
+"""Lengths of a line in the material between stations: liquid-metal channels, stretch resistors, strain
+fibres.
 
-A channel of liquid metal keeps its volume, so its resistance is R = R₀ (L/L₀)² (Park, Majidi, Kramer, Bérard and Wood,
-J. Micromech. Microeng. 20 (2010) 125029); a fibre or encoder tells the length itself.
+A channel of liquid metal keeps its volume, so its resistance is R = R₀ (L/L₀)² (Park, Majidi, Kramer, Bérard
+and Wood, J. Micromech. Microeng. 20 (2010) 125029); a fibre or encoder tells the length itself.
 """
 
 from typing import Annotated, Literal, Self
@@ -16,7 +17,7 @@ from softfuse.functional.embedded_line import EmbeddedLine
 from softfuse.io.quantity import Integer, LengthUnit, PositiveNumber, PositiveResistance
 from softfuse.io.settings import NotEmpty, Vector, listed
 from softfuse.mechanics.reading import ShapeReading
-from softfuse.sensors.direct import AbstractConvert, DirectSettings, Scale
+from softfuse.sensors.direct import AbstractConvert, Direct, DirectSettings, Scale
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.parts import Parts
 
@@ -36,11 +37,12 @@ class LengthOfResistance(AbstractConvert):
         return jnp.where(known, self.rest * jnp.sqrt(jnp.where(known, raw, 1.0) / self.at_rest), jnp.nan)
 
 
-class _LineSettings(DirectSettings):
+class LineSettings(DirectSettings):
     """Along `path` (p, 3) m in the material, straight between its points; one channel for each segment.
 
-    stations: numbers of the points between which it is read, in ascending order; without any, from end to end.
-    noise: of a reading, offset_sigma: of the length at rest, drift: of that per second, all relative to the length.
+    stations: numbers of the points between which it is read, in ascending order; without any, from end to
+    end. noise: of a reading, offset_sigma: of the length at rest, drift: of that per second, all relative to
+    the length.
     """
 
     path: Annotated[tuple[Vector, ...], NotEmpty]
@@ -55,13 +57,14 @@ class _LineSettings(DirectSettings):
             raise self._wrong(f"{len(self.channels)} channels for {line.count} segments of the line")
         return line
 
-    def _lengths(self, parts: Parts) -> Float[np.ndarray, " k"]:
+    def lengths(self, parts: Parts) -> Float[np.ndarray, " k"]:
         """Of the segments at rest [m]."""
         rest = parts.body.rest
         return np.asarray(self._line(parts)(rest, jnp.zeros_like(rest)))
 
-    def _filter(self, parts: Parts, convert: AbstractConvert):
-        length = self._lengths(parts)
+    def filter(self, parts: Parts, convert: AbstractConvert) -> Direct:
+        """The filter of lengths [m] of the segments, which `convert` tells."""
+        length = self.lengths(parts)
         segments = ("",) if len(length) == 1 else tuple(str(k) for k in range(len(length)))
         return self._direct(
             segments,
@@ -78,7 +81,7 @@ class _LineSettings(DirectSettings):
         return ShapeReading(self._line(parts))
 
 
-class LiquidMetalSettings(_LineSettings):
+class LiquidMetalSettings(LineSettings):
     """A channel of liquid metal; `resistance`: of each segment at rest in Ω, or one of all; channels in Ω."""
 
     type: Literal["liquid-metal"] = "liquid-metal"
@@ -95,13 +98,13 @@ class LiquidMetalSettings(_LineSettings):
 
     def sensor(self, parts):
         """Raises MeshError for a line outside the body, ConfigError unless each segment has a channel."""
-        length = self._lengths(parts)
-        return self._filter(parts, LengthOfResistance(jnp.asarray(length), jnp.asarray(self._at_rest)))
+        length = self.lengths(parts)
+        return self.filter(parts, LengthOfResistance(jnp.asarray(length), jnp.asarray(self._at_rest)))
 
     def ideal(self, parts, time_s, values):
         """Of changes of length (m, k) m."""
         del time_s
-        return self._at_rest * (1.0 + np.asarray(values) / self._lengths(parts)) ** 2
+        return self._at_rest * (1.0 + np.asarray(values) / self.lengths(parts)) ** 2
 
     def electronics(self, parts, rng):
         """Channels that differ at rest and in gain."""
@@ -118,7 +121,7 @@ class LiquidMetalSettings(_LineSettings):
         )
 
 
-class LineLengthSettings(_LineSettings):
+class LineLengthSettings(LineSettings):
     """What tells the length itself, or by how much a line is longer than at rest, in `unit`."""
 
     type: Literal["line-length"] = "line-length"
@@ -126,16 +129,16 @@ class LineLengthSettings(_LineSettings):
 
     def sensor(self, parts):
         """Raises MeshError for a line outside the body, ConfigError unless each segment has a channel."""
-        return self._filter(parts, Scale(jnp.asarray(self.unit, float)))
+        return self.filter(parts, Scale(jnp.asarray(self.unit, float)))
 
     def ideal(self, parts, time_s, values):
         """Of changes of length (m, k) m."""
         del time_s
-        return (self._lengths(parts) + np.asarray(values)) / self.unit
+        return (self.lengths(parts) + np.asarray(values)) / self.unit
 
     def electronics(self, parts, rng):
         """Lengths that are off at rest, and in gain."""
-        count, length = len(self.channels), self._lengths(parts) / self.unit
+        count, length = len(self.channels), self.lengths(parts) / self.unit
         return equal_channels(
             count,
             nothing=length,

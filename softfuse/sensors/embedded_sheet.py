@@ -1,7 +1,8 @@
-"""A dielectric elastomer strain sensor: the capacitance of a thin sheet in the material between two electrodes.
+"""A dielectric elastomer strain sensor: the capacitance of a thin sheet in the material between two
+electrodes.
 
-C = ε ∫ da/(d s) = C₀ (a/a₀)/s̄, area a and mean stretch s̄ across the sheet, ε that of silicone, which does not depend
-on strain. What is read is C/C₀ − 1. Source: O'Brien et al., Proc. SPIE 6524 (2007) 652415.
+C = ε ∫ da/(d s) = C₀ (a/a₀)/s̄, area a and mean stretch s̄ across the sheet, ε that of silicone, which does
+not depend on strain. What is read is C/C₀ − 1. Source: O'Brien et al., Proc. SPIE 6524 (2007) 652415.
 """
 
 from typing import Literal
@@ -41,8 +42,8 @@ class SheetCapacitance(MaterialFunctional):
 class SheetSettings(DirectSettings):
     """A sheet: a parallelogram around `centre` (3,) m with two whole `edges` (3,) m; one channel, in `unit`.
 
-    capacitance: at rest; noise: of a reading, offset_sigma: of the capacitance at rest, drift: of that per second,
-    all relative to it.
+    capacitance: at rest; noise: of a reading, offset_sigma: of the capacitance at rest, drift: of that per
+    second, all relative to it.
     """
 
     type: Literal["dielectric-sheet"] = "dielectric-sheet"

@@ -1,6 +1,7 @@
 """A known indenter: a stage or a robot that says where it presses, and a force sensor that says whether.
 
-It is a sensor that sees a contact: the place is as sure as the stage, the touch as the force sensor or the height says.
+It is a sensor that sees a contact: the place is as sure as the stage, the touch as the force sensor or the
+height says.
 """
 
 from typing import Literal, Self
@@ -16,16 +17,18 @@ from softfuse.io.quantity import FORCE, LengthUnit, PositiveForce, PositiveLengt
 from softfuse.sensors.base import AbstractContactSensor, Evidence, SensorSettings, Touch
 from softfuse.sensors.contact_places import chart_place
 from softfuse.sensors.electronics import equal_channels
+from softfuse.sensors.true_contact import coordinates, flat_chart
 
 
 class Indenter(AbstractContactSensor):
-    """x, y in `unit_m`, and the force, in the chart of a contact; `on_N`, `off_N`: forces that begin and end a touch;
-    `sigma_m`: of a place; `low_m`, `high_m` (2,) where middles may be [m].
+    """x, y in `unit_m`, and the force, in the chart of a contact; `on_N`, `off_N`: forces that begin and end
+    a touch; `sigma_m`: of a place; `low_m`, `high_m` (2,) where middles may be [m].
     """
 
     name: str = eqx.field(static=True)
     channels: tuple[str, ...] = eqx.field(static=True)
     contact: str = eqx.field(static=True)
+    slots: int = eqx.field(static=True)
     chart: AbstractChart
     unit_m: Float[Array, ""]
     on_N: Float[Array, ""]
@@ -35,18 +38,13 @@ class Indenter(AbstractContactSensor):
     high_m: Float[Array, "2"]
 
     @property
-    def slots(self):
-        """One."""
-        return 1
-
-    @property
     def misses(self):
         """Nothing else presses there."""
         return False
 
     def init(self):
         """Nothing touches: touching, and the last reading (3,)."""
-        return jnp.asarray(False), jnp.full(3, jnp.nan)
+        return jnp.asarray(False), jnp.full(3, jnp.nan, float)
 
     def touch(self, state, frame, raw, hint):
         """By the force; what is not read stays as it was."""
@@ -96,15 +94,15 @@ class IndenterSettings(SensorSettings):
         return self
 
     def sensor(self, parts):
-        """Raises ConfigError for a contact that there is not, or that has no coordinates."""
+        """Raises ConfigError for a contact that there is not, or that presses on no flat face."""
         part = parts.contact_of(self.name, self.contact)
-        if part.chart is None:
-            raise self._wrong(f'contact "{self.contact}" has no coordinates in which a stage could be')
+        chart = flat_chart(parts, self.name, self.contact)
         return Indenter(
             self.name,
             self.channels,
             self.contact,
-            part.chart,
+            1,
+            chart,
             jnp.asarray(self.unit, float),
             jnp.asarray(self.on, float),
             jnp.asarray(self.off, float),
@@ -120,11 +118,11 @@ class IndenterSettings(SensorSettings):
     def signal(self, parts, contacts, moved):
         """x, y [m] and force [N] of the contact, (3,)."""
         del moved
-        chart = parts.contact_of(self.name, self.contact).chart
+        chart = flat_chart(parts, self.name, self.contact)
         if len(contacts) != 1:
             raise self._wrong(f"a stage has one indenter, not {len(contacts)}")
         (contact,) = contacts
-        at = (np.asarray(contact.place)[0] - np.asarray(chart.origin)) @ np.asarray(chart.axes).T
+        at = coordinates(chart, contact)
         return np.array([*at, contact.force])
 
     def ideal(self, parts, time_s, values):

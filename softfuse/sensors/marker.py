@@ -1,6 +1,7 @@
 """A marker on a point of the material, seen by a camera or told by a stage: one to three of its coordinates.
 
-Where the camera stands is known, so that no zero is taken unless asked for. A marker that is lost is not valid.
+Where the camera stands is known, so that no zero is taken unless asked for. A marker that is lost is not
+valid.
 """
 
 from typing import Annotated, Literal
@@ -34,7 +35,8 @@ class CameraSettings(Settings):
 class MarkerSettings(DirectSettings):
     """Coordinates of a [[point]] in a camera's frame, one channel for each of `components`, in `unit`.
 
-    noise: standard deviation of a coordinate in m; offset_sigma: by how much the camera's place may be wrong, in m.
+    noise: standard deviation of a coordinate in m; offset_sigma: by how much the camera's place may be wrong,
+    in m.
     """
 
     type: Literal["marker"] = "marker"

@@ -1,8 +1,9 @@
 """How a patch of the material is turned: an accelerometer that reads gravity in its frame, or an attitude.
 
-An accelerometer at rest reads the specific force −(R M)ᵀ g, 9.81 m/s² upwards, M its axes in the patch at rest: two
-angles, nothing about gravity. A unit that fuses its sensors tells R M as a quaternion (w, x, y, z); what is read of it
-is log((M)ᵀ R M) (3,) [rad], without wrapping up to half a turn. A slow robot: accelerations are small against gravity.
+An accelerometer at rest reads the specific force −(R M)ᵀ g, 9.81 m/s² upwards, M its axes in the patch at
+rest: two angles, nothing about gravity. A unit that fuses its sensors tells R M as a quaternion (w, x, y, z);
+what is read of it is log((M)ᵀ R M) (3,) [rad], without wrapping up to half a turn. A slow robot:
+accelerations are small against gravity.
 """
 
 from typing import Literal
@@ -46,7 +47,9 @@ class Attitude(AbstractConvert):
 
 
 class _OrientationSettings(DirectSettings):
-    """At a [[point]], over a ball of `radius` in m; axes: those of the sensor in the body at rest, unit vectors."""
+    """At a [[point]], over a ball of `radius` in m; axes: those of the sensor in the body at rest, unit
+    vectors.
+    """
 
     point: str
     radius: PositiveLength = 2e-3

@@ -86,7 +86,7 @@ class Parts:
         return _named(self.contacts, "contact", sensor, name)
 
     def point_of(self, sensor: str, name: str) -> Float[np.ndarray, "3"]:
-        """The place (3,) m at rest of the point that a sensor names; raises ConfigError where there is none."""
+        """The place (3,) m at rest of a point that a sensor names; raises ConfigError where there is none."""
         return np.asarray(_named(self.points, "point", sensor, name), float)
 
 

@@ -1,7 +1,7 @@
 """A barometer cast into the material: the hydrostatic pressure at a point, as TakkTile sensors read it.
 
-The chip and its cavity concentrate the stress around themselves: `gain` is what is measured over what the material
-alone would have, to be calibrated. The atmosphere and the stress of casting are in the zero.
+The chip and its cavity concentrate the stress around themselves: `gain` is what is measured over what the
+material alone would have, to be calibrated. The atmosphere and the stress of casting are in the zero.
 """
 
 from typing import Annotated, Literal
@@ -11,6 +11,7 @@ import numpy as np
 from annotated_types import Ge
 from pydantic import BeforeValidator
 
+from softfuse.body.body import Body
 from softfuse.functional.point_pressure import PointPressure
 from softfuse.io.quantity import (
     Dimension,
@@ -30,7 +31,8 @@ _DRIFT_TIME_S = 600.0
 
 
 class PointPressureSettings(DirectSettings):
-    """A barometer at a [[point]], over a ball of `radius` in m; one channel, `unit` of pressure for each one of it.
+    """A barometer at a [[point]], over a ball of `radius` in m; one channel, `unit` of pressure for each one
+    of it.
 
     noise, offset_sigma: of a reading and of its zero in Pa, drift of that per second in Pa/s.
     """
@@ -65,6 +67,8 @@ class PointPressureSettings(DirectSettings):
     def functional(self, parts):
         """The pressure beyond that at rest. Raises MeshError where the ball reaches out of the body."""
         at = parts.point_of(self.name, self.point)
+        if not isinstance(parts.body, Body):
+            raise self._wrong("the pressure of the material is read in the full body, not in a reduced one")
         return ShapeReading(PointPressure.of(parts.body, at, self.radius))
 
     def ideal(self, parts, time_s, values):

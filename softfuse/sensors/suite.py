@@ -6,7 +6,6 @@ may miss.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,8 +14,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from softfuse.errors import ConfigError
-from softfuse.functional.chart import AbstractChart
 from softfuse.mechanics.reading import JointReading
+from softfuse.sensors.addresses import Addresses, ContactSlots
 from softfuse.sensors.base import (
     AbstractContactSensor,
     AbstractSensor,
@@ -28,7 +27,7 @@ from softfuse.sensors.base import (
     Touch,
     VolumeChange,
 )
-from softfuse.sensors.contact_places import chart_places, joined_places
+from softfuse.sensors.contact_places import joined_places
 from softfuse.sensors.frame_time import FrameClock, FrameTime, clock_init, frame_step
 from softfuse.sensors.parts import Parts
 from softfuse.sensors.pneumatic_touch import (
@@ -73,54 +72,10 @@ class Observation(NamedTuple):
     """What the readings drift by; None where `SensorSuite.drift` is."""
 
 
-@dataclass(frozen=True)
-class Addresses:
-    """Which of a row of numbers belong to whom: names, and where each one's begin, and the end of all."""
-
-    names: tuple[str, ...]
-    starts: tuple[int, ...]
-
-    @classmethod
-    def of(cls, counts: Sequence[tuple[str, int]]) -> "Addresses":
-        """Of names with so many numbers each."""
-        starts = np.cumsum([0, *(count for _, count in counts)]).tolist()
-        return cls(tuple(name for name, _ in counts), tuple(starts))
-
-    def __getitem__(self, name: str) -> slice:
-        """The numbers that belong to a name."""
-        k = self.names.index(name)
-        return slice(self.starts[k], self.starts[k + 1])
-
-
-class ContactSlots(eqx.Module):
-    """The slots of one [[contact]]: numbers of those that see it among the contact sensors; its coordinates,
-    None where sensors name the places; and the lowest and highest coordinates (2,) [m].
-    """
-
-    name: str = eqx.field(static=True)
-    slots: int = eqx.field(static=True)
-    seen_by: tuple[int, ...] = eqx.field(static=True)
-    chart: AbstractChart | None
-    low_m: Float[Array, "2"]
-    high_m: Float[Array, "2"]
-
-    def waiting(self) -> Float[Array, "c 3 3"]:
-        """Places of contacts that nobody sees: in the middle, apart from each other; anywhere without
-        coordinates.
-        """
-        share = (jnp.arange(self.slots) + 0.5)[:, None] / self.slots
-        low, high = (jnp.where(jnp.isfinite(end), end, 0.0) for end in (self.low_m, self.high_m))
-        return self.at(low + share * (high - low))
-
-    def at(self, coordinates: Float[Array, "c 2"]) -> Float[Array, "c 3 3"]:
-        """Places at coordinates (c, 2) [m]."""
-        if self.chart is None:
-            return jnp.broadcast_to(jnp.eye(3).at[0].set(0.0), (len(coordinates), 3, 3))
-        return chart_places(self.chart, coordinates, jnp.zeros_like(coordinates))[0]
-
-
 class SuiteState(eqx.Module):
-    """Memory between frames: time and that of the first frame [s], of each sensor, of what only gas tells, and the last volumes."""
+    """Memory between frames: time and that of the first frame [s], of each sensor, of what only gas tells,
+    and the last volumes.
+    """
 
     clock: FrameClock
     begun_s: Float[Array, ""]
@@ -141,11 +96,11 @@ class SensorSuite(eqx.Module):
     pneumatic: PneumaticDetector
     channels: tuple[str, ...] = eqx.field(static=True)
     """All raw channels, as `update` wants them."""
-    inputs: "Addresses" = eqx.field(static=True)
+    inputs: Addresses = eqx.field(static=True)
     """Where the raw channels of each sensor are."""
     readings: tuple[str, ...] = eqx.field(static=True)
     """Names of all readings."""
-    outputs: "Addresses" = eqx.field(static=True)
+    outputs: Addresses = eqx.field(static=True)
     """Where the readings of each sensor are."""
 
     @classmethod
@@ -159,6 +114,12 @@ class SensorSuite(eqx.Module):
         _unlike([each.name for each in made], "sensors are named")
         channels = [channel for each in made for channel in each.channels]
         _unlike(channels, "sensors write in the column")
+        for each in made:
+            if isinstance(each, AbstractContactSensor) and each.slots != parts.contacts[each.contact].slots:
+                raise ConfigError(
+                    f'sensor "{each.name}" sees {each.slots} contact at once, "{each.contact}" allows '
+                    f"{parts.contacts[each.contact].slots}: allow as many as it sees"
+                )
         measuring = tuple(each for each in made if isinstance(each, AbstractSensor))
         seeing = tuple(each for each in made if isinstance(each, AbstractContactSensor))
         contacts = tuple(
@@ -218,7 +179,7 @@ class SensorSuite(eqx.Module):
         chambers = len(self._chambers)
         return SuiteState(
             clock_init(),
-            jnp.full((), jnp.inf),
+            jnp.full((), jnp.inf, float),
             tuple(each.init() for each in self.sensors),
             tuple(each.init() for each in self.contact_sensors),
             pneumatic_init(),
@@ -246,7 +207,7 @@ class SensorSuite(eqx.Module):
         near = _any([touch.near for touch in touches])
         pneumatic = state.pneumatic
         if self._missed is not None:
-            pneumatic = pneumatic_update(self.pneumatic, pneumatic, dt, hint, state.volume, near)
+            pneumatic = pneumatic_update(self.pneumatic, pneumatic, frame.dt_s, hint, state.volume, near)
         unseen = pneumatic.touching
         clear = ~_any([~touch.clear for touch in touches]) & ~unseen
         begun = jnp.minimum(state.begun_s, jnp.where(frame.forward, frame.now_s, jnp.inf))
@@ -355,7 +316,7 @@ class SensorSuite(eqx.Module):
         )
 
     def _contact(self, number: int, context: Context, evidence: Sequence[Evidence]):
-        """touching, located, allowed, unseen (c,), places (c, 3, 3), sigma (c, 2) of the slots of a contact."""
+        """touching, located, allowed, unseen (c,), places (c, 3, 3), sigma (c, 2) of a contact's slots."""
         contact = self.contacts[number]
         seen = [evidence[k] for k in contact.seen_by]
         no = jnp.zeros(contact.slots, bool)

@@ -1,13 +1,15 @@
-"""The zero of a sensor: averaged at rest, followed slowly, frozen otherwise. Pa stands for the unit of the reading.
+"""The zero of a sensor: averaged at rest, followed slowly, frozen otherwise. Pa stands for the unit of the
+reading.
 
     reading = zero + p + white noise,   p = 0 at rest.
 
-That of a pressure holds the part's offset (2.5 % of full scale), the weather (absolute parts) and the temperature of
-the gas that is sealed in: 101 kPa / 295 K = 343 Pa per kelvin. It is a filter of one state: each reading at
-rest enters with the weight K = max(P/(P + r²), 1 - exp(-dt/T)), where P is the variance of the zero and r the
-noise. The first term averages the first readings equally and trusts new ones after a long touch, the second
-never falls asleep; P follows as P <- (1 - K)² P + K² r², exact for any K. The unknown rate d of the drift
-adds (d t)², t the time since the zero was last seen: a drift keeps its direction, it is no random walk.
+That of a pressure holds the part's offset (2.5 % of full scale), the weather (absolute parts) and the
+temperature of the gas that is sealed in: 101 kPa / 295 K = 343 Pa per kelvin. It is a filter of one state:
+each reading at rest enters with the weight K = max(P/(P + r²), 1 - exp(-dt/T)), where P is the variance of
+the zero and r the noise. The first term averages the first readings equally and trusts new ones after a long
+touch, the second never falls asleep; P follows as P <- (1 - K)² P + K² r², exact for any K. The unknown rate
+d of the drift adds (d t)², t the time since the zero was last seen: a drift keeps its direction, it is no
+random walk.
 
 A reading far from the zero is no zero: something touches unseen. Only when that lasts is the zero learnt
 anew.

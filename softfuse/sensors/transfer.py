@@ -22,7 +22,7 @@ def number(value: Any) -> float:
 
 
 def in_output(volts: Dimension, digital: Dimension | None = None) -> BeforeValidator:
-    """Reads a quantity in the output's unit: of one dimension for volts, of another or none for digital ones."""
+    """Reads a quantity in the output's unit: of one dimension for volts, of another or none else."""
 
     def parse(value: Any, info: ValidationInfo) -> float:
         if info.data.get("output", "volts") == "volts":
@@ -33,7 +33,7 @@ def in_output(volts: Dimension, digital: Dimension | None = None) -> BeforeValid
 
 
 def of_part(data: Any, parts: Mapping[str, Mapping[str, Any]]) -> Any:
-    """Settings with the constants of the part that they name; the error of a validator where it is not known."""
+    """Settings with the constants of the part that they name; a validator's error where it is not known."""
     if not isinstance(data, Mapping) or data.get("part") is None:
         return data
     part = data["part"]

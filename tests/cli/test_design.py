@@ -9,10 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from softfuse.cli.design_report import across_meshes
-from softfuse.robot.file import load
-from softfuse.robot.mesh import build_mesh
 from softfuse.design.problem import Value
 from softfuse.design.search import Trial
+from softfuse.robot.file import load
+from softfuse.robot.mesh import build_mesh
 
 PLAN = (Path(__file__).parents[2] / "configs" / "design_pad.toml").read_text(encoding="utf-8")
 

@@ -17,7 +17,6 @@ from softfuse.cli import doctor_computing, doctor_installed, doctor_sources
 from softfuse.cli.doctor_computing import check_cache, check_devices, check_solvers
 from softfuse.cli.doctor_installed import check_requirements
 from softfuse.cli.finding import Finding, findings_table
-from softfuse.robot.source import SoftfuseSource
 from softfuse.hardware.source.listening import Heard
 from softfuse.hardware.source.serial_ports import SerialPort
 from softfuse.hardware.wire.channel import Channel, RawType
@@ -26,6 +25,7 @@ from softfuse.hardware.wire.layout import Layout
 from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, TextMessage, encode
 from softfuse.hardware.wire.packet import pack
 from softfuse.mechanics.multifrontal import Multifrontal
+from softfuse.robot.source import SoftfuseSource
 
 ROOT = Path(__file__).parents[2]
 PAD = (ROOT / "configs" / "pad.toml").read_text()

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from softfuse.errors import ConfigError
 from softfuse.robot.file import load
 from softfuse.robot.reduced import build_regions
-from softfuse.errors import ConfigError
 
 RECORDING = Path(__file__).parents[1] / "data" / "pad_nominal_two_presses.csv.gz"
 FRAMES = 330

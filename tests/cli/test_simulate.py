@@ -94,6 +94,31 @@ def test_nothing_but_gravity_needs_no_contact(robot: Robot) -> None:
     assert len(trial.drive) == len(robot.addresses.drives)
 
 
+def test_a_search_that_fails_says_how_far_it_came_and_keeps_that_state(
+    code_of: Callable[..., int], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """And from what it kept the way goes on."""
+    numbers, shape = tmp_path / "n.json", tmp_path / "s.vtu"
+    press = ("simulate", PAD, "--at", "10,-6", "--quiet")
+    assert code_of(*press, "--force", "3000", "--json", numbers, "--vtu", shape) == 2
+    found = json.loads(numbers.read_text())
+    assert found["result"] in ("inverted", "diverged", "step_limit") and found["residual_N"] < 1e-6
+    assert 0 < found["reached"] < 1
+    (there,) = found["contacts"]
+    assert there["force_N"] == pytest.approx(3000 * found["reached"])
+    err = capsys.readouterr().err
+    assert f"{100 * found['reached']:.3g} % of the way" in err and str(shape) in err
+    assert len(read_mesh(shape).nodes) == found["nodes"]
+    again = tmp_path / "again.json"
+    force = repr(there["force_N"])
+    assert code_of(*press, "--force", force, "--start", numbers, "--json", again) == 0
+    kept = json.loads(again.read_text())
+    assert kept["newton_iterations"] <= 2
+    assert kept["contacts"][0]["depth_mm"] == pytest.approx(there["depth_mm"])
+    assert code_of(*press, "--force", "5", "--start", shape) == 2
+    assert "no state to begin with" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [

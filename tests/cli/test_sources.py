@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from softfuse.hardware.source.configured import connection_of, driver_of, open_port_of
-from softfuse.robot.source import AnySource, AtiNetFtSource, BotaSource, Preset, RobotousRftSource
 from softfuse.errors import HardwareError
 from softfuse.hardware.source.ati_net_ft import AtiNetFt
 from softfuse.hardware.source.bota_serial import BotaSerial
+from softfuse.hardware.source.configured import connection_of, driver_of, open_port_of
 from softfuse.hardware.source.driver import AbstractDriver
 from softfuse.hardware.source.robotous_rft import RATES, RobotousRft
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.source.text_lines import PRESETS, TextLines
 from softfuse.hardware.source.wrench import WRENCH
 from softfuse.hardware.stream import HostClock
+from softfuse.robot.source import AnySource, AtiNetFtSource, BotaSource, Preset, RobotousRftSource
 
 SETTINGS = TypeAdapter(AnySource)
 NAMES = ("a_N", "b_N", "c_N", "d_Nm", "e_Nm", "f_Nm")

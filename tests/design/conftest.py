@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from softfuse.design.casting import Casting, casting, cavity_solids
+from softfuse.design.port import nearest_ports
+from softfuse.mesh.pad import PadGeometry, finer_to_the_top
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout import Parameter, TiedLayout
 from softfuse.robot.layout.layout_mesh import Fineness, LayoutMesh, layout_mesh
 from softfuse.robot.layout.outline import Outline
-from softfuse.design.port import nearest_ports
 from softfuse.robot.layout.profile import AbstractProfile, RoundedBox
-from softfuse.mesh.pad import PadGeometry, finer_to_the_top
 
 BLOCK = PadGeometry((0.07, 0.04, 0.018), (0.026, 0.028, 0.006), ((-0.017, 0.0), (0.017, 0.0)), 0.006).block()
 FINENESS = Fineness(0.02, finer_to_the_top(0.018, 0.02))

@@ -7,15 +7,15 @@ import pytest
 
 from softfuse.design.casting import body_solid, casting, cavity_solids, outline_solid
 from softfuse.design.casting_check import checked_solids
+from softfuse.design.port import Port
+from softfuse.errors import MeshError, SoftfuseError
+from softfuse.mesh.finger import FingerGeometry
+from softfuse.mesh.surface import enclosed_volume
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.cube_sphere import cube_sphere
 from softfuse.robot.layout.layout import Parameter, TiedLayout
 from softfuse.robot.layout.outline import Outline
-from softfuse.design.port import Port
 from softfuse.robot.layout.profile import RoundedBox, Superellipsoid
-from softfuse.errors import MeshError, SoftfuseError
-from softfuse.mesh.finger import FingerGeometry
-from softfuse.mesh.surface import enclosed_volume
 
 CHORD = 20e-6
 

@@ -4,11 +4,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.design.facets import facets
-from softfuse.robot.layout.profile import FreeForm, RoundedBox, Superellipsoid
 from softfuse.errors import SoftfuseError
 from softfuse.mesh.surface import enclosed_volume
+from softfuse.robot.layout.cavity_shape import CavityShape
+from softfuse.robot.layout.profile import FreeForm, RoundedBox, Superellipsoid
 
 BOX = CavityShape(RoundedBox())
 BALL = CavityShape(Superellipsoid())

@@ -6,11 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from softfuse.errors import MeshError, SoftfuseError
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout import AbstractLayout, Parameter, TiedLayout
 from softfuse.robot.layout.outline import Outline
 from softfuse.robot.layout.profile import RoundedBox, Superellipsoid
-from softfuse.errors import MeshError, SoftfuseError
 
 OUTLINE = Outline(np.zeros(3), np.array([0.08, 0.04, 0.02]), np.empty((0, 2, 3)), ((), (), ()))
 BOX = CavityShape(RoundedBox())

@@ -7,7 +7,6 @@ import pytest
 
 from softfuse.body import Body
 from softfuse.design.layout_device import device_at
-from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh
 from softfuse.errors import SoftfuseError
 from softfuse.functional import Cavity
 from softfuse.functional.chart import facing
@@ -23,6 +22,7 @@ from softfuse.mechanics.reading import AnswerReading, ShapeReading
 from softfuse.mechanics.solution import RESULTS, State
 from softfuse.mesh.pad import finer_to_the_top
 from softfuse.mesh.surface import outer_surface
+from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh
 
 DISC = jnp.asarray(facing(np.array([[0.012, 0.003, 0.018]]), (0, 0, -1)))
 

@@ -7,15 +7,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from softfuse.body.body import Body
+from softfuse.body.element import TAYLOR_HOOD
+from softfuse.errors import MeshError
+from softfuse.functional.cavity import Cavity
+from softfuse.functional.material_points import MaterialPoints
+from softfuse.material import NeoHookean
+from softfuse.mesh.morph import reshaped_cavities
+from softfuse.mesh.orientation import check
+from softfuse.mesh.quality import curved_mean_ratios
+from softfuse.mesh.surface import cavities, outer_surface
+from softfuse.mesh.tetmesh import TetMesh, quadratic
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout_drawing import LayoutDrawing
 from softfuse.robot.layout.profile import FreeForm, RoundedBox, Superellipsoid
-from softfuse.errors import MeshError
-from softfuse.experiment.virtual_pad import PadErrors, PadSettings, virtual_pad
-from softfuse.functional.material_points import MaterialPoints
-from softfuse.mesh.orientation import check
-from softfuse.mesh.quality import curved_mean_ratios
-from softfuse.mesh.surface import outer_surface
 
 HALF = (0.014, 0.012, 0.003)
 FOUR = LayoutDrawing(
@@ -62,11 +67,19 @@ def test_edges_that_would_turn_tetrahedra_inside_out_are_less_curved() -> None:
     )
 
 
+def made(drawing: LayoutDrawing, mesh: TetMesh, seed: int) -> TetMesh:
+    """With cavities off their places by up to 0.3 mm and their sizes by up to 0.2 mm."""
+    rng, centres = np.random.default_rng(seed), drawing.centres()
+    shifts, growths = (rng.uniform(-bound, bound, centres.shape) for bound in (0.3e-3, 0.2e-3))
+    return quadratic(reshaped_cavities(mesh, shifts, growths, centres=centres))
+
+
 def test_a_point_is_found_in_the_curved_elements_of_a_layout() -> None:
     # The ninth element by how far it is inside those with straight edges is the one that holds it.
     point = np.array([[-0.03, 0.003, 0.0165]])
-    settings = PadSettings(OTHERS, 0.2e6, surface_size=0.01, base_size=0.012, growth=0.5)
-    body = virtual_pad(settings).body
+    mesh = made(OTHERS, OTHERS.mesh(0.01, 0.012, growth=0.5), seed=1)
+    law = NeoHookean.from_young(0.6e6, 0.49)
+    body = Body.from_mesh(mesh, (law,), mesh.nodes[:, 2] <= 1e-9, element=TAYLOR_HOOD)
     found = MaterialPoints.embedded(body, point)
     carried = np.einsum("ga,gai->gi", found.shape(body.rest), np.asarray(body.rest)[np.asarray(found.nodes)])
     np.testing.assert_allclose(carried, point, atol=1e-12)
@@ -78,11 +91,9 @@ def test_a_drawing_without_volume_is_refused() -> None:
 
 
 def test_a_cavity_with_errors_of_making_is_as_round_as_drawn() -> None:
-    settings = PadSettings(EGG, 0.2e6, surface_size=0.012, base_size=0.012, errors=PadErrors(0.0, 0.0))
-    drawn = virtual_pad(settings)
-    made = virtual_pad(replace(settings, errors=PadErrors(0.3e-3, 0.2e-3, seed=5)))
-    wall = np.unique(drawn.cavities[0].faces)
-    before, after = (np.asarray(pad.body.rest) for pad in (drawn, made))
+    drawn = EGG.mesh(0.012, 0.012, growth=1.0)
+    wall = np.unique(cavities(quadratic(drawn), EGG.centres())[0].faces)
+    before, after = quadratic(drawn).nodes, made(EGG, drawn, seed=5).nodes
     low, high = before[wall].min(axis=0), before[wall].max(axis=0)
     size = np.ptp(after[wall], axis=0)
     shift = 0.5 * (after[wall].max(axis=0) + after[wall].min(axis=0) - low - high)
@@ -90,9 +101,10 @@ def test_a_cavity_with_errors_of_making_is_as_round_as_drawn() -> None:
     assert 1e-6 < np.abs(size - (high - low)).max() <= 0.2e-3
     moved = 0.5 * (low + high) + shift + (before[wall] - 0.5 * (low + high)) * size / (high - low)
     np.testing.assert_allclose(after[wall], moved, atol=1e-12)
+    volume = Cavity.of(cavities(quadratic(drawn), EGG.centres())[0].faces)
     stretch = float(np.prod(size / (high - low)))
-    assert float(made.volumes(jnp.asarray(after))[0]) == pytest.approx(
-        float(drawn.volumes(jnp.asarray(before))[0]) * stretch, rel=1e-9
+    assert float(volume(jnp.asarray(after))) == pytest.approx(
+        float(volume(jnp.asarray(before))) * stretch, rel=1e-9
     )
     skin = outer_surface(EGG.mesh(0.012, 0.012)).faces
     np.testing.assert_array_equal(after[skin], before[skin])

@@ -7,14 +7,14 @@ import pytest
 
 from softfuse.design.casting import Casting, casting, cavity_solids
 from softfuse.design.casting_check import checked_solids
-from softfuse.robot.layout.cavity_shape import CavityShape
-from softfuse.robot.layout.layout import TiedLayout
 from softfuse.design.mould import MouldShape, mould
-from softfuse.robot.layout.outline import Outline
 from softfuse.design.port import Port, nearest_ports
-from softfuse.robot.layout.profile import RoundedBox
 from softfuse.errors import MeshError, SoftfuseError
 from softfuse.mesh.finger import FingerGeometry
+from softfuse.robot.layout.cavity_shape import CavityShape
+from softfuse.robot.layout.layout import TiedLayout
+from softfuse.robot.layout.outline import Outline
+from softfuse.robot.layout.profile import RoundedBox
 
 CHORD = 20e-6
 SHAPE = MouldShape(

@@ -10,7 +10,6 @@ import pytest
 
 from softfuse.body import Body
 from softfuse.design.layout_device import device_at
-from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh
 from softfuse.design.limits import Limit
 from softfuse.design.objective import (
     AbstractMeasure,
@@ -42,6 +41,7 @@ from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.mesh.pad import finer_to_the_top
 from softfuse.mesh.surface import outer_surface
+from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh
 
 PRESSED_AT = [[0.015, 0.004, 0.0], [-0.012, -0.006, 0.0], [0.003, 0.008, 0.0], [-0.02, 0.01, 0.0]]
 PLACES = jnp.asarray(facing(np.array(PRESSED_AT), (0, 0, -1)))

@@ -10,6 +10,7 @@ import pytest
 
 from softfuse.design.cable_route import CableRoute
 from softfuse.design.chamber_count import channel_edits, with_chambers
+from softfuse.design.objective import Answers, PairError, Unevenness
 from softfuse.design.of_robot import (
     build_layout,
     build_limits,
@@ -22,7 +23,6 @@ from softfuse.design.of_robot import (
     searched_config,
 )
 from softfuse.design.plan import load_design
-from softfuse.design.objective import Answers, PairError, Unevenness
 from softfuse.errors import ConfigError
 from softfuse.robot.file import load
 from softfuse.robot.layout.layout_mesh import layout_mesh

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from softfuse.design.casting import cavity_solids
+from softfuse.design.port import Port, box_solid, check_rods, nearest_ports, placed, prism
+from softfuse.errors import MeshError, SoftfuseError
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout import TiedLayout
 from softfuse.robot.layout.outline import NORMALS, SIDES, Outline
-from softfuse.design.port import Port, box_solid, check_rods, nearest_ports, placed, prism
 from softfuse.robot.layout.profile import RoundedBox
-from softfuse.errors import MeshError, SoftfuseError
 
 CHORD = 20e-6
 

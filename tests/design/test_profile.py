@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.special import sph_harm_y
 
+from softfuse.mesh.shell import checked
+from softfuse.mesh.surface import enclosed_volume
 from softfuse.robot.layout.cavity_shape import CavityShape, rotation
 from softfuse.robot.layout.cube_sphere import cube_sphere
 from softfuse.robot.layout.profile import FreeForm, RoundedBox, Superellipsoid, harmonics
-from softfuse.mesh.shell import checked
-from softfuse.mesh.surface import enclosed_volume
 
 HALF = jnp.array([0.014, 0.012, 0.003])
 GRID, FACES = cube_sphere(60)

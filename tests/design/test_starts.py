@@ -6,8 +6,8 @@ import pytest
 
 from softfuse.design.problem import Geometry, Walls
 from softfuse.design.starts import nearest_that_can_be_made, random_starts
-from softfuse.robot.layout.thickness import slacks, wall_thicknesses
 from softfuse.errors import SoftfuseError
+from softfuse.robot.layout.thickness import slacks, wall_thicknesses
 
 LEAST_M = 0.004
 

@@ -14,17 +14,15 @@ import numpy as np
 import pytest
 from made_sensors import d6f_p0001a1
 
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device
-from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker
-from softfuse.experiment.mutual_field import Thing
-from softfuse.experiment.virtual_mutual import MutualBed
+from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.functional.chart import facing
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
+from softfuse.robot.file import load
+from softfuse.robot.robot import build_robot
 from softfuse.sensors.mutual.field import Thing
 from softfuse.sensors.status import Status
 
@@ -99,10 +97,10 @@ def tracker(tmp_path_factory: pytest.TempPathFactory, calibrated_grid: Callable)
         text = text.replace(old, new)
     path = tmp_path_factory.mktemp("pad") / "coarse.toml"
     path.write_text(text, encoding="utf-8")
-    config = load(path)
+    robot = build_robot(load(path))
     # Small as it is, a dense solver compiles soonest.
-    device = build_device(config)
-    return build_tracker(config, replace(device, linear=Dense.plan(device.body)))
+    model = replace(robot.model, linear=Dense.plan(robot.model.body))
+    return Tracker(replace(robot, model=model))
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +123,7 @@ def found(tracker: Tracker) -> dict[int, Tracked]:
     events: list[str] = []
     try:
         for k, t in enumerate(TIME):
-            sensed = tracker.sense(Frame(t, (volts[k], counts[k])))
+            sensed = tracker.sense(Frame(t, np.concatenate([volts[k], counts[k]])))
             if k % 10 == 0:
                 tracked[k] = tracker.estimate(t, sensed)
             if k == 150:  # one touch has been estimated, two have not
@@ -139,13 +137,13 @@ def found(tracker: Tracker) -> dict[int, Tracked]:
 
 def numbers(now: Tracked) -> dict[int, int]:
     """Contact of each number that touches."""
-    grid, slots = now.details.grid.tracks, now.details.slots
+    grid, slots = now.details["grid"].grid.tracks, now.details["grid"].slots
     return {int(grid.number[slots.electrode[c]]): int(c) for c in np.flatnonzero(now.touching)}
 
 
 def near(now: Tracked) -> list[np.ndarray]:
     """Places [mm] of what hovers."""
-    grid = now.details.grid.tracks
+    grid = now.details["grid"].grid.tracks
     return [1e3 * grid.place_m[j] for j in np.flatnonzero(grid.near)]
 
 

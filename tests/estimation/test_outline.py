@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.estimation.compiled_senses import Packing
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.outline import outline, tree_of
+from softfuse.estimation.packing import Packing
 from softfuse.estimation.step import Observation
-from softfuse.sensors.pad_senses import fitted_location, mean_location
+from softfuse.functional.chart import facing, moved
 from softfuse.sensors.status import Status
 
 ONE = jax.ShapeDtypeStruct((3,), jnp.float64)
@@ -48,7 +48,7 @@ def test_a_tree_is_found_again():
         (np.float64(1), np.float64(2)),
         (Observation(ONE, ONE, None), Limits(ONE, ONE, None)),
         (Limits(ONE, ONE, ONE, motion=ONE), Limits(ONE, ONE, ONE, place=ONE)),
-        (fitted_location, mean_location),
+        (facing, moved),
         (Status.ok, Status.lagging),
         ({"a": 1}, {"b": 1}),
     ],
@@ -64,7 +64,7 @@ class Elsewhere(eqx.Module):
 
 
 @pytest.mark.parametrize(
-    "thing", [Elsewhere(), (1, [Elsewhere]), lambda: 0, np.sum, partial(mean_location), {1}, object(), 1j]
+    "thing", [Elsewhere(), (1, [Elsewhere]), lambda: 0, np.sum, partial(moved), {1}, object(), 1j]
 )
 def test_what_might_change_unseen_has_none(thing):
     with pytest.raises(TypeError, match="softfuse itself|has no outline"):

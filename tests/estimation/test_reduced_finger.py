@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from softfuse.body import Body
-from softfuse.config import load
-from softfuse.config.build_device import build_device, electrode_places
-from softfuse.config.build_reduction import Teacher, build_regions
 from softfuse.mechanics.model import simulate
 from softfuse.mechanics.solution import RESULTS
+from softfuse.robot.file import load
+from softfuse.robot.reduced import Teacher, build_regions
+from softfuse.robot.robot import build_robot
 from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rest_stiffness import rest_stiffness
 
@@ -29,17 +29,17 @@ ELECTRODES = ("base left", "upper left", "tip left")
 @pytest.mark.slow
 def test_what_was_not_taught_is_that_of_the_full_finger(linear_finger: Callable[..., Path]) -> None:
     """Pushes beside each other while the cable pulls: the shape to 0.3 % of the furthest way of a node."""
-    config = load(linear_finger(*CHANGES))
-    device, regions = build_device(config), build_regions(config)
-    assert isinstance(device.body, Body) and len(regions) == len(config.electrodes)
+    robot = build_robot(load(linear_finger(*CHANGES)))
+    device, regions = robot.model, build_regions(robot.settings)
+    places = np.array(list(robot.settings.places.values()))
+    assert isinstance(device.body, Body) and len(regions) == len(places)
     stiffness = rest_stiffness(device.body)
-    teacher = Teacher(config, device, stiffness, regions)
+    teacher = Teacher(robot, stiffness, regions)
     assert teacher.largest_force(NUMBER) >= 1.0
     chart = teacher.chart(NUMBER)
     assert (
         not chart.sampling.beyond_rest and len(chart.sampling.cubature.parts) < device.body.volumes.size / 2
     )
-    places = electrode_places(config)
     small, place = reduced_model(device, stiffness, chart, places), jnp.asarray(places[NUMBER])[None]
     for push, pull in ((1.0, 1.3), (0.4, 2.6)):
         drive = device.rest_state(place).drive.at[:3].set(jnp.array([0.7 * push, 0.3 * push, pull]))
@@ -49,22 +49,21 @@ def test_what_was_not_taught_is_that_of_the_full_finger(linear_finger: Callable[
         way = float(jnp.max(jnp.linalg.norm(shape, axis=1)))
         assert way > 5e-3
         assert float(jnp.max(jnp.linalg.norm(nearly - shape, axis=1))) < 3e-3 * way
-        cable, *pressures = np.asarray(device.reading(exact.state))
-        nearly_cable, *nearly_pressures = np.asarray(small.reading(found.state))
+        *pressures, cable = np.asarray(device.reading(exact.state))
+        *nearly_pressures, nearly_cable = np.asarray(small.reading(found.state))
         assert abs(nearly_cable - cable) < 0.02 * abs(cable)
         np.testing.assert_allclose(nearly_pressures, pressures, atol=0.05 * np.ptp(pressures))
 
 
 def test_charts_are_good_for_pushes_that_move_the_finger_so_far(linear_finger: Callable[..., Path]) -> None:
-    config = load(linear_finger(('travel = "50 mm"', 'travel = "1 mm"')))
-    device = build_device(config)
-    assert isinstance(device.body, Body) and config.contact is not None
-    teacher = Teacher(config, device, rest_stiffness(device.body), build_regions(config))
-    names = [electrode.name for electrode in config.electrodes]
-    numbers = [names.index(name) for name in ELECTRODES]
+    robot = build_robot(load(linear_finger(('travel = "50 mm"', 'travel = "1 mm"'))))
+    device, places = robot.model, robot.settings.places
+    assert isinstance(device.body, Body)
+    teacher = Teacher(robot, rest_stiffness(device.body), build_regions(robot.settings))
+    numbers = [list(places).index(name) for name in ELECTRODES]
     base, middle, tip = map(teacher.largest_force, numbers)
-    assert 0 < tip < middle < base <= config.contact.max_force
-    place = jnp.asarray(electrode_places(config)[numbers[-1:]])
+    assert 0 < tip < middle < base <= robot.settings.contact().max_force
+    place = jnp.asarray(places[ELECTRODES[-1]])[None]
     drive = device.rest_state(place).drive.at[:2].set(tip / 2)
     moved = device.body.displacement(simulate(device, place, drive).state.z)
     assert 1e3 * float(jnp.max(jnp.linalg.norm(moved, axis=1))) == pytest.approx(1.0, rel=0.01)

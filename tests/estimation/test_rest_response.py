@@ -6,11 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device
 from softfuse.estimation.rest_response import place_response, rest_response
 from softfuse.functional.chart import facing, moved
 from softfuse.mechanics.model import Model, compliance, simulate
+from softfuse.robot.file import load
+from softfuse.robot.robot import build_robot
 
 PLACES = jnp.asarray(facing(np.array([[0.012, -0.015, 0.0], [-0.003, 0.004, 0.0]]), (0, 0, -1)))
 SMALL_N = 1e-3
@@ -20,7 +20,7 @@ SMALL_N = 1e-3
 @pytest.fixture(scope="module")
 def device(coarse) -> Model:
     """The pad on the coarsest mesh."""
-    return build_device(load(coarse))
+    return build_robot(load(coarse)).model
 
 
 def test_it_is_the_compliance_at_rest(device) -> None:

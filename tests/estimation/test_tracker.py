@@ -1,54 +1,75 @@
-"""Frames of a real recording's sensors, healthy and not, through the tracker of a small device.
+"""Frames of a real recording's sensors, healthy and not, through the tracker of a small body.
 
-The device is not the one of the recording: two of its volumes stand for those of the two cavities. What is
-tested is what is said about a frame, not how right the force is.
+The body is not the one of the recording: its two chambers stand for two of that one's. What is tested is what
+is said about a frame, not how right the force is.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_sensors import d6f_p0001a1
+from made_robots import BLOCK, settings_of
 
-from softfuse.robot.file import load
-from softfuse.config.build_sensors import build_sensors
+from softfuse.estimation.doubts import TrackerSettings
 from softfuse.estimation.model_error import ModelError
 from softfuse.estimation.tracked import Frame, Tracked
-from softfuse.estimation.tracker import Tracker, TrackerSettings
-from softfuse.functional.workspace import FlatWorkspace
+from softfuse.estimation.tracker import Tracker
 from softfuse.hardware.recording import read_recording
-from softfuse.sensors.pad_senses import PadSenses
+from softfuse.mechanics.dense import Dense
+from softfuse.robot.robot import build_robot
 from softfuse.sensors.status import Status
 
-ROOT = Path(__file__).parents[2]
+DATA = Path(__file__).parents[1] / "data"
 TRUSTING = TrackerSettings(poor_fit=1e6)
+AT = ["-28 mm", "-20 mm", "-12 mm", "-4 mm", "4 mm", "12 mm", "20 mm", "28 mm"]
+LINES = f"""
+[[sensor]]
+name = "electrodes"
+type = "crossed-diamonds"
+contact = "stage"
+row_y = {AT}
+column_x = {AT}
+row_depth = "1.5 mm"
+column_depth = "1.0 mm"
+channels = {[f"{name}{k}" for name in ("row", "col") for k in range(8)]}
+"""
+VENTS = slice(0, 2)
 
 
-def _tracker(device, limits, reach_m: float) -> Tracker:
+def _tracker(reach_m: float) -> Tracker:
     """A tracker whose workspace reaches so far from the middle."""
-    sensors = build_sensors(load(ROOT / "configs" / "pad.toml"))
-    sensors = eqx.tree_at(lambda s: s.flow, sensors, d6f_p0001a1(2))
-    ends = reach_m * np.array([[-1.0, -1.0], [1.0, 1.0]])
-    senses = PadSenses(sensors, jnp.asarray(ends))
-    return Tracker(senses, device, limits, TRUSTING, workspace=FlatWorkspace(senses.chart, *ends))
+    reach = f'["{-reach_m} m", "{reach_m} m"]'
+    settings = settings_of(
+        BLOCK[: BLOCK.rindex("[[sensor]]")] + LINES,
+        ("[body.source]", '[body]\nelement = "linear"\n\n[body.source]'),
+        # With a high Poisson's ratio linear elements lock.
+        ("poisson = 0.49", "poisson = 0.3"),
+        # The cells of a punch are smaller than the triangles of this mesh.
+        ('model = "punch"', 'model = "uniform"'),
+        ('radius = "8 mm"', 'radius = "10 mm"'),
+        ('max_force = "10 N"', 'max_force = "25 N"'),
+        ('x = ["-25 mm", "25 mm"], y = ["-11 mm", "11 mm"]', f"x = {reach}, y = {reach}"),
+        ('channels = ["flow0_V", "flow1_V"]', 'channels = ["flow1_V", "flow2_V"]'),
+    )
+    robot = build_robot(settings)
+    # Small as it is, a dense solver compiles soonest.
+    model = replace(robot.model, linear=Dense.plan(robot.model.body))
+    return Tracker(replace(robot, model=model), settings=TRUSTING)
 
 
 @pytest.fixture(scope="module")
-def tracker(plain_device, one) -> Tracker:
-    return _tracker(plain_device, one, 0.1)
+def tracker() -> Tracker:
+    return _tracker(0.1)
 
 
 @pytest.fixture(scope="module")
-def frames() -> list[Frame]:
+def frames(tracker: Tracker) -> list[Frame]:
     """The first press up to the first force level, at (21.8, −3.1) mm."""
-    recording = read_recording(ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz", [])
-    rows, columns = ([f"{name}{k}" for k in range(8)] for name in ("row", "col"))
-    parts = (recording.matrix(names)[:260] for names in (["flow1_V", "flow2_V"], rows, columns))
-    groups = zip(*parts, strict=True)
-    return [Frame(at, readings) for at, readings in zip(recording.time_s[:260], groups, strict=True)]
+    recording = read_recording(DATA / "pad_nominal_two_presses.csv.gz", [])
+    raw = recording.matrix(tracker.robot.suite.channels)
+    return [Frame(*each) for each in zip(recording.time_s[:260].tolist(), raw[:260], strict=True)]
 
 
 @pytest.fixture(scope="module")
@@ -58,10 +79,12 @@ def run(tracker: Tracker, frames: list[Frame]) -> Callable[..., list[Tracked]]:
     def go(flow: Callable = lambda i, volts: volts, settings: TrackerSettings = TRUSTING) -> list[Tracked]:
         tracker.reset()
         tracker.settings = settings
-        return [
-            tracker.update(Frame(f.time_s, (flow(i, f.readings[0]), *f.readings[1:])))
-            for i, f in enumerate(frames)
-        ]
+        found = []
+        for i, frame in enumerate(frames):
+            raw = frame.raw.copy()
+            raw[VENTS] = flow(i, raw[VENTS])
+            found.append(tracker.update(Frame(frame.time_s, raw)))
+        return found
 
     return go
 
@@ -77,8 +100,8 @@ def test_contact_begins_and_is_located(run) -> None:
     assert np.isfinite(last.residual)
 
 
-def test_a_contact_outside_the_workspace_has_a_place_but_no_force(plain_device, one, frames) -> None:
-    narrow = _tracker(plain_device, one, 0.01)
+def test_a_contact_outside_the_workspace_has_a_place_but_no_force(frames: list[Frame]) -> None:
+    narrow = _tracker(0.01)
     last = [narrow.update(frame) for frame in frames][-1]
     assert Status.outside in last.statuses and np.isnan(last.force_N)
     assert np.all(np.isfinite(last.centre_m)) and np.isnan(last.residual)
@@ -99,7 +122,7 @@ def test_volumes_that_no_force_explains_are_doubted(run) -> None:
 
 def test_without_flow_there_is_no_force(run) -> None:
     found = run(flow=lambda i, volts: volts if i < 160 else np.full(2, np.nan))
-    assert Status.flow_missing in found[-1].statuses and Status.volume_unknown in found[-1].statuses
+    assert "flow missing" in found[-1].statuses and Status.nothing_measured in found[-1].statuses
     assert np.isnan(found[-1].force_N) and found[-1].contacts == 1
 
 

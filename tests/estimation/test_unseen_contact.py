@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device
-from softfuse.config.build_tracker import build_tracker
 from softfuse.estimation.tracked import Frame, Tracked
+from softfuse.estimation.tracker import Tracker
 from softfuse.hardware.recording import read_recording
+from softfuse.robot.file import load
+from softfuse.robot.robot import build_robot
 from softfuse.sensors.status import Status
 
 ROOT = Path(__file__).parents[2]
@@ -35,8 +35,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Tracked], np.n
         text = text.replace(old, new)
     path = tmp_path_factory.mktemp("config") / "coarse.toml"
     path.write_text(text, encoding="utf-8")
-    config = load(path)
-    tracker = build_tracker(config, build_device(config))
+    tracker = Tracker(build_robot(load(path)))
     recording = read_recording(ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz", [])
     flow = recording.matrix([f"flow{k}_V" for k in range(4)])
     counts = recording.matrix([f"{name}{k}" for name in ("row", "col") for k in range(8)])
@@ -44,7 +43,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Tracked], np.n
     still = np.round(counts[0] + np.random.default_rng(1).normal(0, 8, counts.shape))
     rows, true = [], []
     for k, (at, volts, seen) in enumerate(zip(recording.time_s, flow, still, strict=True)):
-        sensed = tracker.sense(Frame(at, (volts, seen[:8], seen[8:])))
+        sensed = tracker.sense(Frame(at, np.concatenate([volts, seen])))
         if k % EVERY == 0:
             rows.append(tracker.estimate(at, sensed))
             true.append(truth[k])

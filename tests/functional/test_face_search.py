@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from softfuse.body import TAYLOR_HOOD, Body, mesh_for
-from softfuse.robot.file import load
-from softfuse.robot.mesh import build_mesh
 from softfuse.functional import Contact, ContactSurface, flat_punch
 from softfuse.functional.face_search import EveryFace, FaceBuckets
 from softfuse.material import NeoHookean
 from softfuse.mesh.surface import outer_surface
 from softfuse.mesh.tetmesh import TetMesh
+from softfuse.robot.file import load
+from softfuse.robot.mesh import build_mesh
 
 PAD = Path(__file__).parents[2] / "configs" / "pad.toml"
 DOWN, OBLIQUE = np.array([0.0, 0.0, -1.0]), np.array([0.3, -0.2, -1.0])

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from softfuse.errors import HardwareError
-from softfuse.report.figures import flat_triangles
-from softfuse.report.shape_figures import sharp_edges
 from softfuse.hardware.live.rerun_view import Picture, RerunView, Scene
 from softfuse.hardware.live.viewer_process import end_viewer
 from softfuse.hardware.stream import Notice
 from softfuse.mesh.block import Block, block_mesh
 from softfuse.mesh.surface import cavities, outer_surface
+from softfuse.report.figures import flat_triangles
+from softfuse.report.shape_figures import sharp_edges
 
 BROWSER = (
     "--headless=new",

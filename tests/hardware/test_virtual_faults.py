@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from softfuse.hardware.virtual.faults import Faults, parse_faults
 from softfuse.errors import SoftfuseError
+from softfuse.hardware.virtual.faults import Faults, parse_faults
 from softfuse.hardware.virtual.line_faults import LineFaults
 from softfuse.hardware.virtual.sensor_faults import DeadSensor, SensorFaults
 from softfuse.hardware.virtual.serving import Outages

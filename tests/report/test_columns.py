@@ -83,7 +83,9 @@ def test_contacts_are_told_together_and_alone(columns: Columns, robot: Robot) ->
     assert said["hand0_force_N"] == 3.0 and said["hand1_force_sigma_N"] == pytest.approx(0.3)
     assert said["cable_palm_mm"] == pytest.approx(2.0) and said["cable_palm_misfit_mm"] == pytest.approx(1.0)
     assert said["residual"] == pytest.approx(1.0) and said["p0_x_mm"] == pytest.approx(117.0)
-    assert said["palm_mm"] == pytest.approx(0.0, abs=1e-9) and said["tip_left_Pa"] == pytest.approx(0.0, abs=1e-6)
+    assert said["palm_mm"] == pytest.approx(0.0, abs=1e-9) and said["tip_left_Pa"] == pytest.approx(
+        0.0, abs=1e-6
+    )
 
 
 def test_what_does_not_touch_or_count_is_not_told(columns: Columns, robot: Robot) -> None:
@@ -123,7 +125,12 @@ def test_columns_of_a_disc_and_vents(coarse: Path) -> None:
     names = [column.name for column in columns.columns]
     assert names[9:] == [
         *(f"{name}_mm3" for name in ("minus_minus", "minus_plus", "plus_minus", "plus_plus")),
-        *(f"flow_{a}_{b}{of}_mm3" for a in ("minus", "plus") for b in ("minus", "plus") for of in ("", "_misfit")),
+        *(
+            f"flow_{a}_{b}{of}_mm3"
+            for a in ("minus", "plus")
+            for b in ("minus", "plus")
+            for of in ("", "_misfit")
+        ),
         "residual",
     ]
 

@@ -7,17 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.robot.file import load
-from softfuse.config.build_device import build_device
-from softfuse.experiment.build_evaluation import build_bed
-from softfuse.robot.mesh import RobotMesh, build_mesh
-from softfuse.experiment.build_virtual_pad import PadPlan
-from softfuse.robot.layout.layout_drawing import LayoutDrawing
 from softfuse.errors import ConfigError
-from softfuse.experiment.pose_cache import settings_digest
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.chart import facing
 from softfuse.mechanics.model import simulate
+from softfuse.robot.file import load
+from softfuse.robot.mesh import RobotMesh, build_mesh
+from softfuse.robot.robot import build_robot
 
 Layout = Callable[..., Path]
 
@@ -60,7 +56,7 @@ def volumes(made: RobotMesh) -> np.ndarray:
     [
         (
             [BOX] * 3,
-            "body.source.shape: 3 shapes for 4 cavities: give one for each [[cavity]], in their order",
+            "body.source.shape: 3 shapes for 4 cavities: give one for each [[chamber]], in their order",
         ),
         ([], "body.source.shape: missing"),
         (
@@ -156,8 +152,8 @@ def test_a_layout_of_the_pads_boxes_answers_nearly_as_the_pad(layout: Layout, wr
     at, force = jnp.asarray(facing(np.array([[10e-3, -6e-3, 0.0]]), (0, 0, -1))), jnp.array([1.0])
 
     def answer(path: Path) -> np.ndarray:
-        device = build_device(load(path))
-        return np.asarray(device.reading(simulate(device, at, force).state))
+        model = build_robot(load(path)).model
+        return np.asarray(model.reading(simulate(model, at, force).state, at))
 
     pad = answer(write(*coarse, ('fine_depth = "3 mm"', 'fine_depth = "0 mm"')))
     # A roof is clamped along the rim, which a fillet moves inwards by (1 - 1/√2) of it on both sides: a span
@@ -173,7 +169,7 @@ def test_curved_cavities_are_as_they_were_made(layout: Layout) -> None:
     turned = BEAN + 'turn = ["0 deg", "0 deg", "5 deg"]\n'
     drawn = build_mesh(load(layout(BOX, turned, BOX, BEAN)))
     differs = 'shift = ["0.4 mm", "-0.2 mm", "0.3 mm"]\ngrowth = ["0.1 mm", "0 mm", "-0.5 mm"]'
-    made = build_mesh(load(layout(BOX, turned, BOX, BEAN, ('"(-,+)"', f'"(-,+)"\n{differs}'))))
+    made = build_mesh(load(layout(BOX, turned, BOX, BEAN, ('name = "(-,+)"', f'name = "(-,+)"\n{differs}'))))
     np.testing.assert_array_equal(made.mesh.tets, drawn.mesh.tets)
     walls = [np.unique(wall.faces) for wall in drawn.cavities]
     before, after = drawn.mesh.nodes[walls[1]], made.mesh.nodes[walls[1]]
@@ -184,20 +180,3 @@ def test_curved_cavities_are_as_they_were_made(layout: Layout) -> None:
     np.testing.assert_allclose(after, moved, atol=1e-14)
     assert volumes(made)[1] == pytest.approx(volumes(drawn)[1] * stretch.prod(), rel=1e-9)
     np.testing.assert_allclose(np.delete(volumes(made), 1), np.delete(volumes(drawn), 1), rtol=1e-12)
-
-
-def test_a_test_bed_is_of_the_layout_but_not_the_estimators_body(layout: Layout) -> None:
-    config = load(layout(BOX, BEAN, BOX, BEAN))
-    beds = [build_bed(config, grid=2, seed=seed) for seed in (1, 1, 2)]
-    plans = [bed.plan for bed in beds]
-    assert all(isinstance(plan, PadPlan) for plan in plans)
-    settings = plans[0].settings
-    assert isinstance(settings.drawing, LayoutDrawing) and settings.drawing == plans[2].settings.drawing
-    np.testing.assert_allclose(settings.drawing.centres(), [c.centre for c in config.cavities])
-    assert settings.surface_size < config.body.source.surface_size and settings.layer > 0
-    assert settings.errors.seed == 1 and plans[2].settings.errors.seed == 2
-    # Equilibria are kept by what is said of the body.
-    one, same, other = (settings_digest(plan.settings) for plan in plans)
-    assert one == same != other
-    changed = load(layout(BOX, BEAN.replace("0.4", "0.41"), BOX, BEAN))
-    assert settings_digest(build_bed(changed, grid=2, seed=1).plan.settings) != one

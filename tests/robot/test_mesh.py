@@ -227,3 +227,16 @@ def test_chambers_come_from_files_and_may_be_open(tmp_path: Path) -> None:
     write_surface(tmp_path / "closed.stl", Shell(*moved))
     with pytest.raises(ConfigError, match=r"chamber: the void of 288 mm³ .* is up to 2 mm off it"):
         build_mesh(load(path))
+
+
+def test_the_example_of_a_robot_from_a_surface_can_be_meshed_and_built() -> None:
+    config = load(Path(__file__).parents[2] / "configs" / "dome.toml")
+    made = build_mesh(config)
+    nodes = jnp.asarray(made.mesh.nodes)
+    half, ball = 2 / 3 * np.pi * 30**3, 2 / 3 * np.pi * 22**3
+    above = ball - np.pi * 5 * (22**2 - 25 / 3)
+    # Polyhedra of 24 and 16 facets around are smaller than the spheres.
+    (volume,) = (1e9 * float(Cavity.of(each.faces)(nodes)) for each in made.cavities)
+    assert 0.9 * above < volume < above
+    assert 0.9 * (half - above) < 1e9 * volumes(made.mesh).sum() < half - above + 0.1 * above
+    assert build_device(config, made).body.n_nodes == len(made.mesh.nodes)

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.robot.file import load
-from softfuse.robot.press_series import build_series, shortened_cables
-from softfuse.robot.digest import digest
-from softfuse.robot.press_plan import ElectrodePlaces, load_plan
 from softfuse.errors import ConfigError
-from softfuse.robot.press_series import Series
+from softfuse.robot.digest import digest
+from softfuse.robot.file import load
+from softfuse.robot.press_plan import ElectrodePlaces, load_plan
+from softfuse.robot.press_series import Series, build_series, shortened_cables
 
 Write = Callable[..., Path]
 
@@ -93,7 +92,7 @@ def test_electrodes_and_cables_of_a_finger(series: Callable, tmp_path: Path) -> 
     cable = PALM + 'tension = { values = ["0 N", "2 N"] }\n'
     found = series("contacts = [1, 2]\n" + ELECTRODES + cable, FINGER)
     assert len(found) == 2 * (12 + 66)
-    assert found[0].places == (0,) and found[0].cables == (0.0,) and found[-1].cables == (2.0,)
+    assert found[0].places == ("base palm",) and found[0].cables == (0.0,) and found[-1].cables == (2.0,)
     plan = tmp_path / "plan.toml"
     assert shortened_cables(load_plan(plan), load(FINGER)) == (False,)
     plan.write_text(ELECTRODES + PALM + 'shortening = { from = "0 mm", to = "4 mm", count = 3 }\n')

@@ -1,4 +1,4 @@
-"""The table [recording] of a configuration, and that it reaches the reader of recordings."""
+"""The table [recording] of a settingsuration, and that it reaches the reader of recordings."""
 
 from pathlib import Path
 
@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from softfuse.cli.app import main
-from softfuse.cli.recorded import read_sensors, sensor_frames, table_form
-from softfuse.config import load
-from softfuse.robot.recording import RecordingSettings
 from softfuse.errors import ConfigError
 from softfuse.hardware.recording import read_recording
 from softfuse.hardware.table.form import TableForm
+from softfuse.report.recorded import read_sensors, sensor_frames, table_form
+from softfuse.robot.file import load
+from softfuse.robot.recording import RecordingSettings
 
 
 def with_recording(pad_text: str, folder: Path, table: str) -> Path:
@@ -46,19 +46,17 @@ def test_mistakes_are_told(pad_text, tmp_path, table, words):
         load(with_recording(pad_text, tmp_path, table))
 
 
-def test_a_foreign_recording_becomes_frames_of_the_device(pad_text, tmp_path):
+def test_a_foreign_recording_becomes_frames_of_the_robot(pad_text, tmp_path):
     table = 'time_unit = "ms"\ncolumns = {"Durchfluss 1" = "flow0_V"}\n'
-    config = load(with_recording(pad_text, tmp_path, table))
-    assert config.sensors is not None
-    names = ["Durchfluss 1" if name == "flow0_V" else name for name in config.sensors.channels]
+    settings = load(with_recording(pad_text, tmp_path, table))
+    names = ["Durchfluss 1" if name == "flow0_V" else name for name in settings.channels]
     lines = [";".join(["uhr", *names]), *(";".join(["x", *["0,5"] * len(names)]) for _ in range(3))]
     path = tmp_path / "r.csv"
     path.write_text("\n".join(lines).replace("uhr", "Zeit").replace("x;", "7;"), encoding="utf-16")
-    recording = read_sensors(config, path)
-    frames = list(sensor_frames(config, recording))
+    recording = read_sensors(settings, path)
+    frames = list(sensor_frames(settings, recording))
     assert len(frames) == 3 and frames[0].time_s == 0.007
-    assert [len(group) for group in frames[0].readings] == [len(names) for names, _ in config.sensors.groups]
-    assert all(np.all(group == 0.5) for frame in frames for group in frame.readings)
+    assert all(frame.raw.shape == (len(names),) and np.all(frame.raw == 0.5) for frame in frames)
 
 
 def test_convert_takes_a_format_from_a_file_with_that_table_alone(tmp_path, capsys):

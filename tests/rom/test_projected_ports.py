@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 
 from softfuse.body.body import Body
-from softfuse.config import load
-from softfuse.config.build_device import build_device, electrode_places
 from softfuse.errors import SolveError
 from softfuse.mechanics.linearised import loaded_tangents
 from softfuse.mechanics.load import AbstractPorts
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.prescribed import PrescribedForce
 from softfuse.mechanics.solution import State
+from softfuse.robot.file import load
+from softfuse.robot.robot import build_robot
 from softfuse.rom.basis import Basis
 from softfuse.rom.chart import Chart
 from softfuse.rom.cubature import Cubature
@@ -45,8 +45,8 @@ class Pair(NamedTuple):
 
 @pytest.fixture(scope="module")
 def pair(linear_finger: Callable[..., Path]) -> Pair:
-    config = load(linear_finger())
-    full, electrodes = build_device(config), electrode_places(config)
+    robot = build_robot(load(linear_finger()))
+    full, electrodes = robot.model, np.array(list(robot.settings.places.values()))
     body = full.body
     assert isinstance(body, Body)
     random = np.random.default_rng(3)

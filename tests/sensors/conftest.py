@@ -16,13 +16,13 @@ MM = 1e-3
 
 @pytest.fixture(scope="session")
 def parts() -> Parts:
-    """A block of 70 × 40 × 18 mm with two cavities, each of which is vented, sealed or driven, as it is named."""
+    """A block of 70 × 40 × 18 mm with two cavities, each of which is vented, sealed or driven, as it is
+    named.
+    """
     size = (70 * MM, 40 * MM, 18 * MM)
     geometry = PadGeometry(size, (26 * MM, 28 * MM, 6 * MM), ((-17 * MM, 0.0), (17 * MM, 0.0)), 6 * MM)
     mesh = mesh_for(LINEAR, pad_mesh(geometry, 40 * MM, 40 * MM))
-    body = Body.from_mesh(
-        mesh, [NeoHookean.from_young(0.6e6, 0.3)], mesh.nodes[:, 2] < 1e-9, element=LINEAR
-    )
+    body = Body.from_mesh(mesh, [NeoHookean.from_young(0.6e6, 0.3)], mesh.nodes[:, 2] < 1e-9, element=LINEAR)
     left, right = (Cavity(wall.faces) for wall in cavities(mesh, geometry.centres()))
     low, high = np.array([[-32.0, -18.0], [32.0, 18.0]]) * MM
     down = FlatChart.along(np.array([0.0, 0.0, -1.0]))

@@ -1,4 +1,6 @@
-"""Every kind of sensor: from true values through its electronics to readings, what is missing, and that all keys count."""
+"""Every kind of sensor: from true values through its electronics to readings, what is missing, and that all
+keys count.
+"""
 
 from typing import Any
 
@@ -137,7 +139,9 @@ def all_settings(settings: Settings):
 
 @pytest.mark.parametrize("kind", SENSORS)
 def test_every_key_is_read(kind: str, parts: Parts) -> None:
-    contact = TrueContact(np.array([[0.0, 0.0, 0.018], [1, 0, 0], [0, -1, 0]]), 0.01, middle=np.array([0, 0, 0.03]))
+    contact = TrueContact(
+        np.array([[0.0, 0.0, 0.018], [1, 0, 0], [0, -1, 0]]), 0.01, middle=np.array([0, 0, 0.03])
+    )
 
     def run(settings) -> None:
         sensor = settings.sensor(parts)
@@ -165,7 +169,8 @@ def test_every_key_is_read(kind: str, parts: Parts) -> None:
     for each in settings:
         for name, keys in used_keys(each, run).items():
             read.setdefault(name, set()).update(keys)
-    # What stands for other keys has been used up when these were filled in; names of electrodes are for reports.
+    # What stands for other keys has been used up when these were filled in; names of electrodes are for
+    # reports.
     spent = {"type", "part", "output"} | ({"name"} if kind == "electrodes" else set())
     for each in all_settings(settings[0]):
         unread = set(type(each).model_fields) - read.get(type(each).__name__, set()) - spent
@@ -180,8 +185,8 @@ def test_every_key_is_read(kind: str, parts: Parts) -> None:
         ("pressure", {"chambers": ["left", "sealed"]}, 'chamber "left" is vented'),
         ("cable-length", {"cables": ["one", "two"]}, 'there is no cable "two", but "one", "other"'),
         ("marker", {"point": "toe"}, 'there is no point "toe", but "tip"'),
-        ("indenter", {"contact": "skin"}, 'contact "skin" has no coordinates'),
-        ("crossed-diamonds", {"contact": "skin"}, "crossed lines lie under a flat face"),
+        ("indenter", {"contact": "skin"}, 'contact "skin" presses on no flat face'),
+        ("crossed-diamonds", {"contact": "skin"}, 'contact "skin" presses on no flat face'),
         ("liquid-metal", {"stations": [0, 2]}, "2 channels for 1 segments"),
     ],
 )
@@ -195,3 +200,14 @@ def test_two_sensors_do_not_share_a_name_or_a_channel(parts: Parts) -> None:
         SensorSuite.of([settings_of("marker")] * 2, parts)
     with pytest.raises(ConfigError, match='two sensors write in the column "mx"'):
         SensorSuite.of([settings_of("marker"), settings_of("marker", name="other")], parts)
+
+
+@pytest.mark.parametrize("kind", SENSORS)
+def test_memory_keeps_its_types(kind: str, parts: Parts) -> None:
+    """Otherwise a program that goes from frame to frame would be compiled anew for the second one."""
+    suite = SensorSuite.of([settings_of(kind)], parts)
+    first = suite.init()
+    frame = jax.ShapeDtypeStruct((), float), jax.ShapeDtypeStruct((len(suite.channels),), float)
+    later = jax.eval_shape(lambda *given: suite.update(*given)[0], first, *frame)
+    types = [(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(later)]
+    assert types == [(leaf.shape, leaf.dtype, leaf.weak_type) for leaf in jax.tree.leaves(first)]

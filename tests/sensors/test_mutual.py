@@ -12,25 +12,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from made_sensors import mutual_grid
 
 from softfuse.errors import ConfigError
 from softfuse.experiment.paper.mutual_bed import MutualBed
-from softfuse.sensors.capacitive import capacitive_array
 from softfuse.sensors.mutual.field import MutualField, Thing
-from softfuse.sensors.mutual.fit import fit_sources, nothing_known, splitting
+from softfuse.sensors.mutual.fit import fit_sources, nothing_known
 from softfuse.sensors.mutual.grid import MutualGrid, MutualReading, mutual_init, mutual_update
 from softfuse.sensors.mutual.model import MutualModel, Sources, mutual_signal, source_signals
-from softfuse.sensors.mutual.touch_tracks import TouchTracks, optimal_assignment, touch_follower, tracks_init
+from softfuse.sensors.mutual.settings import MutualSplittingSettings
+from softfuse.sensors.mutual.touch_tracks import TouchTracks, optimal_assignment, tracks_init
 
 MM = 1e-3
 ALL = jnp.ones((4, 4), bool)
+SPLITTING = MutualSplittingSettings().splitting()
 Things = Callable[[float], list[Thing]]
 
 
 def grid_of(model: MutualModel) -> MutualGrid:
     """A grid with that model and else the usual."""
-    array = capacitive_array(negative_sigma=np.inf)
-    return MutualGrid(array, model, splitting(), touch_follower(), jnp.asarray(8.0), 4)
+    return replace(mutual_grid(model.column_x_m, model.row_y_m), model=model)
 
 
 BED = MutualBed()
@@ -244,7 +245,7 @@ def test_gradients_are_finite_and_those_of_the_fit(grid, model) -> None:
 
     def place(at):
         signal = mutual_signal(model, Sources(at[None], truth.shield, truth.coupling))
-        return fit_sources(model, splitting(), nothing_known(model, 2), signal, ALL).sources.place_m[0]
+        return fit_sources(model, SPLITTING, nothing_known(model, 2), signal, ALL).sources.place_m[0]
 
     for jacobian in (jax.jacfwd, jax.jacrev):
         shift = jax.jit(jacobian(place))(truth.place_m[0])
@@ -360,7 +361,7 @@ def test_the_spread_of_a_place_is_that_of_its_noise(model) -> None:
     exact = source_signals(model, Sources(place, jnp.ones(1), jnp.zeros(1)))[0].reshape(4, 4)
     noise = float(jnp.hypot(model.noise_counts, model.model_error * jnp.max(jnp.abs(exact))))
     rng = np.random.default_rng(3)
-    fit = jax.jit(lambda image: fit_sources(model, splitting(), nothing_known(model, 4), image, ALL))
+    fit = jax.jit(lambda image: fit_sources(model, SPLITTING, nothing_known(model, 4), image, ALL))
     off, sigma = [], []
     for _ in range(60):
         found = fit(exact + noise * rng.normal(size=(4, 4)))

@@ -91,7 +91,7 @@ def test_a_chamber_with_two_sensors_is_squeezed_once(parts: Parts) -> None:
 
 
 def test_what_nobody_watches_is_not_tared_away(parts: Parts) -> None:
-    """Without anything that tells of a touch, zeros are taken when the robot is switched on, and not later."""
+    """Without anything that tells of a touch, zeros are taken when the robot is switched on, no later."""
     time = 0.01 * np.arange(3000)
     bent = settings_of("accelerometer")
     true = np.interp(time, [4.0, 12.0], [0.0, 1.0])[:, None] * np.array([1.5, -1.0, 0.2])

@@ -1,59 +1,37 @@
-"""A pad that is switched on while something touches it, with and without a configured baseline."""
-
-from dataclasses import replace
-from pathlib import Path
+"""Crossed lines that are switched on while something touches them, with and without a configured baseline."""
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_sensors import capacitive_array, d6f_p0001a1, peak_model, touch_detector
+from suites import PAD, run, suite_of, two_presses
 
-from softfuse.hardware.recording import read_recording
 from softfuse.sensors.capacitive import array_init, array_signal
 from softfuse.sensors.crossed.touched_start import known_baseline
-from softfuse.sensors.pad import PadSensors, pad_sensor_init, pad_sensor_update
+from softfuse.sensors.suite import SensorSuite
 
-LINES = (-28.0 + 8.0 * np.arange(8)) * 1e-3
-FLOW = [f"flow{i}_V" for i in range(4)]
-ROWS = [f"row{i}" for i in range(8)]
-COLUMNS = [f"col{i}" for i in range(8)]
+PLAIN = suite_of(PAD)
+LINES = PLAIN.inputs["electrodes"]
 
 
-def sensors(untouched: np.ndarray | float) -> PadSensors:
-    return PadSensors(
-        flow=d6f_p0001a1(4),
-        array=replace(
-            capacitive_array(), untouched_counts=jnp.broadcast_to(jnp.asarray(untouched, float), (16,))
-        ),
-        peak=peak_model(LINES, LINES, 1.5e-3, 1.0e-3),
-        touch=touch_detector(),
-    )
+def sensors(untouched: np.ndarray | float) -> SensorSuite:
+    counts = jnp.broadcast_to(jnp.asarray(untouched, float), (16,))
+    return eqx.tree_at(lambda s: s.contact_sensors[0].array.untouched_counts, PLAIN, counts)
 
 
 @pytest.fixture(scope="module")
 def recording():
-    path = Path(__file__).parents[1] / "data" / "pad_nominal_two_presses.csv.gz"
-    return read_recording(path, FLOW + ROWS + COLUMNS)
+    return two_presses()
 
 
 @pytest.fixture(scope="module")
 def untouched(recording) -> np.ndarray:
-    return recording.matrix(ROWS + COLUMNS)[:50].mean(axis=0)
+    return recording.matrix(PLAIN.channels)[:50, LINES].mean(axis=0)
 
 
-@eqx.filter_jit
-def scan(sensors, frames):
-    def step(state, frame):
-        return pad_sensor_update(sensors, state, *frame)
-
-    return jax.lax.scan(step, pad_sensor_init(sensors), frames)[1]
-
-
-def measure(made: PadSensors, recording, begin: int):
-    frames = [recording.time_s[begin:], *(recording.matrix(names)[begin:] for names in (FLOW, ROWS, COLUMNS))]
-    return jax.tree.map(np.asarray, scan(made, [jnp.asarray(each) for each in frames]))
+def measure(made: SensorSuite, recording, begin: int):
+    return run(made, recording.time_s[begin:], recording.matrix(PLAIN.channels)[begin:])
 
 
 @pytest.fixture(scope="module")
@@ -67,29 +45,32 @@ def test_the_touch_is_there_at_once(recording, untouched, held):
     for drift in (0.0, 40.0):
         found = measure(sensors(untouched - drift), recording, held)
         truth = 1e-3 * recording.matrix(["true_x_mm", "true_y_mm"])[held]
-        assert found.touching[0] and found.location_valid[0] and found.electrode_valid[0].all()
-        assert np.hypot(*(found.location_m[0] - truth)) < 0.5e-3
+        assert found.touching[0, 0] and np.isfinite(found.location_m[0]).all()
+        assert found.details["electrodes"].valid[0].all()
+        assert np.hypot(*(found.location_m[0, 0, :2] - truth)) < 0.5e-3
         force = recording.columns["true_force_N"][held:]
         released = int(np.flatnonzero(force == 0)[0])
-        assert found.touching[: released - 5].all() and not found.touching[released + 40]
+        assert found.touching[: released - 5].all() and not found.touching[released + 40, 0]
         # How much had been squeezed out before is not known.
-        assert not found.volume_valid[: released - 5].any()
-        assert np.all(np.isfinite(found.volume_sigma_m3)) and found.volume_sigma_m3[0].min() > 1e-6
+        assert not found.valid[: released - 5].any()
+        assert np.all(np.isfinite(found.sigma)) and found.sigma[0].min() > 1e-6
         # The second press is as if the first had been seen from its beginning.
         second = np.flatnonzero((recording.columns["sample"] > 0) & (recording.columns["press"] == 1)) - held
-        assert found.touching[second].all() and found.volume_valid[second].all()
+        assert found.touching[second].all() and found.valid[second].all()
 
 
 def test_without_a_baseline_the_first_reading_is_taken(recording, held):
     found = measure(sensors(np.inf), recording, held)
-    assert not found.touching[:20].any() and np.abs(found.signal_counts[1]).max() < 100.0
+    assert not found.touching[:20].any()
+    assert np.abs(found.details["electrodes"].signal_counts[1]).max() < 100.0
 
 
 def test_a_gain_divides_the_signal(recording, untouched, held):
     gain = np.linspace(0.9, 1.1, 16)
     plain = sensors(untouched)
-    made = eqx.tree_at(lambda s: s.array.gain, plain, jnp.asarray(gain))
-    one, other = (measure(each, recording, held).signal_counts[0] for each in (plain, made))
+    made = eqx.tree_at(lambda s: s.contact_sensors[0].array.gain, plain, jnp.asarray(gain))
+    found = (measure(each, recording, held).details["electrodes"] for each in (plain, made))
+    one, other = (each.signal_counts[0] for each in found)
     np.testing.assert_allclose(other, one / gain)
 
 
@@ -113,11 +94,11 @@ def test_nothing_is_traced_again(recording, untouched, held):
     @eqx.filter_jit
     def update(made, state, *frame):
         traces.append(frame)
-        return pad_sensor_update(made, state, *frame)
+        return made.update(state, *frame)
 
-    frames = [recording.time_s, *(recording.matrix(names) for names in (FLOW, ROWS, COLUMNS))]
+    frames = recording.time_s, recording.matrix(PLAIN.channels)
     for known, begin in ((untouched, held), (untouched, 0), (np.full(16, np.inf), held)):
-        state = pad_sensor_init(sensors(known))
+        state = sensors(known).init()
         for i in range(begin, begin + 5):
             state, _ = update(sensors(known), state, *(jnp.asarray(each[i]) for each in frames))
     assert len(traces) == 1
@@ -125,12 +106,12 @@ def test_nothing_is_traced_again(recording, untouched, held):
 
 def test_derivatives_stay_finite_where_a_reading_is_missing(untouched):
     counts = jnp.asarray(untouched + 100.0).at[3].set(jnp.nan)
-    before = known_baseline(sensors(untouched).array, array_init(16))
+    before = known_baseline(sensors(untouched).contact_sensors[0].array, array_init(16))
 
     def signal(array):
         return jnp.sum(array_signal(array, before, counts).signal_counts)
 
-    gradient = jax.grad(signal, allow_int=True)(sensors(np.inf).array)
+    gradient = jax.grad(signal, allow_int=True)(sensors(np.inf).contact_sensors[0].array)
     np.testing.assert_allclose(gradient.gain, np.where(np.arange(16) == 3, 0.0, -100.0), rtol=1e-6)
 
 
@@ -138,7 +119,7 @@ def test_derivatives_stay_finite_where_a_reading_is_missing(untouched):
 def test_lines_that_are_lost_begin_no_touch(recording, untouched, known: bool) -> None:
     """In the first frame, where all lines have drifted down together, or nothing is known of a baseline."""
     made = sensors(untouched + 2000.0 if known else np.inf)
-    frames = [recording.time_s[:30], *(recording.matrix(names)[:30] for names in (FLOW, ROWS, COLUMNS))]
-    frames[2][0, 3] = frames[3][0, 2] = np.nan
-    found = jax.tree.map(np.asarray, scan(made, [jnp.asarray(each) for each in frames]))
-    assert not found.touching.any() and np.isfinite(found.signal_counts).all()
+    raw = recording.matrix(PLAIN.channels)[:30].copy()
+    raw[0, LINES.start + np.array([3, 8 + 2])] = np.nan
+    found = run(made, recording.time_s[:30], raw)
+    assert not found.touching.any() and np.isfinite(found.details["electrodes"].signal_counts).all()

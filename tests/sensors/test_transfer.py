@@ -72,7 +72,7 @@ def test_constants_stand_for_those_of_the_part() -> None:
     [
         ({"part": "MPX5100"}, '"MPX5100" is none of MPX4115A, '),
         ({"part": "MPX5100A", "noise": 2.0}, "2.0 has no unit, expected a voltage"),
-        ({"part": "SSC-digital", **SPAN, "noise": "2 mV"}, '"2 mV" is no plain number, as the output is digital'),
+        ({"part": "SSC-digital", **SPAN, "noise": "2 mV"}, '"2 mV" is no plain number, as the output'),
         ({"part": "SSC-digital"}, "Field required"),
         ({"part": "MPX5100A", "reference": "3.3 V"}, "3.3 is not between 4.75 and 5.25"),
         ({"part": "BMP280", "reference_channel": "supply"}, "only a ratiometric part"),

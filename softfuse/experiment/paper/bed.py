@@ -12,6 +12,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from softfuse.errors import ConfigError
@@ -98,7 +99,7 @@ def _pad_bed(settings: RobotSettings, source: BlockSource, grid: int, seed: int)
     forces = tuple(level * contact.max_force for level in _LEVELS)
     episodes = [
         Episode((Touch(contact.name, place_of(place), forces),))
-        for place in np.asarray(workspace.chart.place(at))
+        for place in np.asarray(workspace.chart.place(jnp.asarray(at)))
     ]
     names = [f"calibration_{k}" for k in range(len(_FITTED_TO))]
     names += [f"press_{k:03d}" for k in range(grid**2)]

@@ -7,7 +7,7 @@ from typing import Literal
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
 from softfuse.errors import ConfigError
@@ -108,9 +108,9 @@ def seen_from(
     return ahead, aside
 
 
-def patch_of(tip: RigidCylinder, body: AbstractBody, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, "m 3"]:
+def patch_of(tip: RigidCylinder, body: AbstractBody, z: Float[Array, " n"]) -> Float[np.ndarray, "m 3"]:
     """Where the points are that a tip can meet (m, 3) m, the body's unknowns being z (n,)."""
-    return np.asarray(tip.ports.values(body, jnp.asarray(z))).reshape(-1, 3)
+    return np.asarray(tip.ports.values(body, z)).reshape(-1, 3)
 
 
 def passed_through(tip: RigidCylinder, advance: float, patch: Float[np.ndarray, "m 3"]) -> bool:

@@ -93,7 +93,7 @@ class Session:
         clock: HostClock,
         *,
         queue_length: int = 1000,
-        send: Callable[[int, bytes], None] = lambda source, data: None,
+        send: Callable[[int, bytes], object] = lambda source, data: None,
         publish: Sequence[Callable[[Published], None]] = (),
         notify: Sequence[Callable[[Notice], None]] = (),
     ):

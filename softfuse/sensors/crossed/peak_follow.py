@@ -70,7 +70,7 @@ def no_peak(model: PeakModel) -> PeakTrack:
         shape=LinearShape(jnp.zeros(4), jnp.zeros(e), jnp.zeros((e, 4))),
         damping=jnp.zeros(()),
         turn=jnp.zeros((), int),
-        least=jnp.full((), jnp.inf),
+        least=jnp.full((), jnp.inf, float),
         suspect=jnp.zeros((), int),
     )
 

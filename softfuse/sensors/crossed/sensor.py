@@ -100,6 +100,7 @@ class CrossedElectrodes(AbstractContactSensor):
     name: str = eqx.field(static=True)
     channels: tuple[str, ...] = eqx.field(static=True)
     contact: str = eqx.field(static=True)
+    slots: int = eqx.field(static=True)
     weighted_mean: bool = eqx.field(static=True)
     array: CapacitiveArray
     peak: PeakModel
@@ -108,11 +109,6 @@ class CrossedElectrodes(AbstractContactSensor):
     chart: AbstractChart
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
-
-    @property
-    def slots(self):
-        """One contact: profiles of two cannot be told apart."""
-        return 1
 
     @property
     def misses(self):

@@ -30,8 +30,8 @@ from softfuse.sensors.crossed.peak_model import PeakModel
 from softfuse.sensors.crossed.sensor import CrossedElectrodes
 from softfuse.sensors.crossed.touch import TouchDetector
 from softfuse.sensors.electronics import equal_channels
-from softfuse.sensors.parts import ContactPart, Parts
-from softfuse.sensors.true_contact import TrueContact, face_height
+from softfuse.sensors.parts import Parts
+from softfuse.sensors.true_contact import TrueContact, coordinates, face_height, flat_chart
 
 Fraction = Annotated[Number, Gt(0), Lt(1)]
 
@@ -219,19 +219,17 @@ class CrossedSettings(CountsSettings):
             iterations=peak.iterations,
         )
 
-    def _under(self, parts: Parts) -> tuple[ContactPart, FlatChart]:
-        part = parts.contact_of(self.name, self.contact)
-        if not isinstance(part.chart, FlatChart):
-            raise self._wrong(f'crossed lines lie under a flat face, contact "{self.contact}" is on none')
-        return part, part.chart
+    def _chart(self, parts: Parts) -> FlatChart:
+        return flat_chart(parts, self.name, self.contact)
 
     def sensor(self, parts):
         """Raises ConfigError for a contact that there is not, or that presses on no flat face."""
-        part, chart = self._under(parts)
+        part, chart = parts.contact_of(self.name, self.contact), self._chart(parts)
         return CrossedElectrodes(
             self.name,
             self.channels,
             self.contact,
+            1,  # profiles of two contacts cannot be told apart
             self.location == "weighted-mean",
             self.array(),
             self.peak_model(part.radius),
@@ -252,7 +250,7 @@ class CrossedSettings(CountsSettings):
 
     def points(self, parts):
         """Middles (m, 3) m of the squares that the lines are cut into."""
-        part, chart = self._under(parts)
+        part, chart = parts.contact_of(self.name, self.contact), self._chart(parts)
         middle = _field(self._lines, part.radius).panels.middle
         pose, d = self.pose.pose(), np.asarray(chart.direction)
         at = np.array([chart.place(pose.on_body(jnp.asarray(each[:2])))[0] for each in middle])
@@ -268,7 +266,7 @@ class CrossedSettings(CountsSettings):
         Sideways they are left in place: the silicone under a flat punch hardly flows (not at all if
         incompressible and deep: Johnson, Contact Mechanics, 1985, Sec. 3.4).
         """
-        part, chart = self._under(parts)
+        part, chart = parts.contact_of(self.name, self.contact), self._chart(parts)
         field = _field(self._lines, part.radius)
         if not contacts:
             return field.alone
@@ -276,7 +274,7 @@ class CrossedSettings(CountsSettings):
             raise self._wrong("crossed lines see one contact, not several at once")
         (contact,) = contacts
         d, rest = np.asarray(chart.direction), field.panels.middle
-        local = (np.asarray(contact.place)[0] - np.asarray(chart.origin)) @ np.asarray(chart.axes).T
+        local = coordinates(chart, contact)
         x, y = np.asarray(self.pose.pose().on_array(jnp.asarray(local)))
         placed = np.column_stack([rest[:, :2], -(moved @ d) - face_height(parts, d)])
         under = np.hypot(rest[:, 0] - x, rest[:, 1] - y) < part.radius

@@ -39,6 +39,8 @@ from softfuse.sensors.true_contact import TrueContact
 # in which it falls to 1/e in widths of an electrode.
 _REST, _REST_BOUND, _CONTACT, _CONTACT_BOUND = 16000.0, 3000.0, 3000.0, 0.15
 _REACH = 1.0 / np.pi
+_ACROSS = 1e-3
+"""Least sine of the angle between an electrode's axis and the direction into the body."""
 _STEPS = 3
 """Points along each edge of the square that stands for an electrode."""
 
@@ -116,6 +118,14 @@ class ElectrodePlace(Settings):
     direction: Direction
     along: Direction | None = None
     size: tuple[PositiveLength, PositiveLength] = (10e-3, 10e-3)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.along is not None:
+            along, into = (np.array(each) / np.linalg.norm(each) for each in (self.along, self.direction))
+            if np.linalg.norm(np.cross(along, into)) < _ACROSS:
+                raise wrong_value("runs along the direction: give it along the surface", key="along")
+        return self
 
     def place(self) -> Float[np.ndarray, "3 3"]:
         """Its place (3, 3), see `functional.chart`."""

@@ -36,7 +36,7 @@ class GridReading(eqx.Module):
 
 
 class GridState(eqx.Module):
-    """Memory between frames: of the grid, of the slots (n,), and where their contacts were last (n, 2) [m]."""
+    """Memory between frames: of the grid, of the slots (n,), and where their contacts were (n, 2) [m]."""
 
     grid: MutualState
     slots: ContactSlots

@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import model_validator
 
-from softfuse.functional.chart import FlatChart
 from softfuse.io.quantity import (
     Number,
     PositiveInteger,
@@ -26,7 +25,7 @@ from softfuse.sensors.mutual.grid import MutualGrid
 from softfuse.sensors.mutual.model import MutualModel, mean_pitch
 from softfuse.sensors.mutual.sensor import MutualElectrodes
 from softfuse.sensors.mutual.touch_tracks import MOST_TRACKS, TouchFollower
-from softfuse.sensors.true_contact import TrueContact
+from softfuse.sensors.true_contact import TrueContact, coordinates, flat_chart
 
 # Of virtual cells: counts at rest and by how much they differ, spread of gains, drift of all and of each
 # after one second, and over which time no further.
@@ -208,13 +207,12 @@ class MutualSettings(CountsSettings):
         slots.
         """
         part = parts.contact_of(self.name, self.contact)
-        if not isinstance(part.chart, FlatChart):
-            raise self._wrong(f'a grid lies under a flat face, contact "{self.contact}" is on none')
+        chart = flat_chart(parts, self.name, self.contact)
         if part.slots > self.touches:
             raise self._wrong(f"{part.slots} contacts at once, but only {self.touches} touches are followed")
         low, high = jnp.asarray(part.low, float), jnp.asarray(part.high, float)
         return MutualElectrodes(
-            self.name, self.channels, self.contact, part.slots, self.grid(), part.chart, low, high
+            self.name, self.channels, self.contact, part.slots, self.grid(), chart, low, high
         )
 
     def functional(self, parts):
@@ -235,10 +233,10 @@ class MutualSettings(CountsSettings):
         presses hardest at its rim, its wall, and electrodes that are bent with the surface.
         """
         del moved
-        chart = parts.contact_of(self.name, self.contact).chart
+        chart = flat_chart(parts, self.name, self.contact)
         things = []
         for contact in contacts:
-            x, y = (np.asarray(contact.place)[0] - np.asarray(chart.origin)) @ np.asarray(chart.axes).T
+            x, y = coordinates(chart, contact)
             distance = max(contact.gap, 0.0)
             things.append(Thing((float(x), float(y)), distance, contact.force, contact.radius))
         return self._field.with_crosstalk(self._field.change(things)).T.ravel()
@@ -249,7 +247,7 @@ class MutualSettings(CountsSettings):
         return _REST * (1.0 + np.asarray(values))
 
     def electronics(self, parts, rng):
-        """Cells that differ in reading at rest and gain, and drift each on its own, by what all and each do."""
+        """Cells that differ in reading at rest and gain, and drift, by what all and each do."""
         del parts
         count = len(self.channels)
         rest = _REST + rng.uniform(-_REST_BOUND, _REST_BOUND, count)

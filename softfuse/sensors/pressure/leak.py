@@ -27,9 +27,16 @@ drift d is there for it. A cavity that is open (τ of some tenths of a second) s
 leak.
 """
 
+from typing import Annotated, Self
+
 import equinox as eqx
 import jax.numpy as jnp
+from annotated_types import Ge
 from jaxtyping import Array, Bool, Float, Int
+from pydantic import model_validator
+
+from softfuse.io.quantity import PositiveNumber, PositivePressure, PositiveTime, PressureRate, wrong_value
+from softfuse.io.settings import Settings
 
 
 class LeakTest(eqx.Module):
@@ -51,6 +58,44 @@ class LeakTest(eqx.Module):
     """Deformed time after which a deformation weighs 1/e [s]."""
     prior_1_s: Float[Array, ""]
     """Standard deviation σ_θ of the rate before any deformation [1/s]."""
+
+
+class LeakSettings(Settings):
+    """When gas escapes: time constants in s of the slowest leak that matters and of the fastest to expect.
+
+    sigma: evidence in standard deviations; window, memory in s; repeat, unknown in Pa, drift in Pa/s. 5 Pa/s
+    is sealed gas that a hand warms by 0.9 K a minute. With readings of 44 Pa noise at 100 Hz, one press shows
+    a leak of τ = 30 s if it holds 2.1 kPa for 3 s (s = 32 Pa), or 1 kPa for ever: drift d and leak cannot be
+    told apart when d > (θ − θ0) p / sigma.
+    """
+
+    slowest: PositiveTime = 120.0
+    fastest: PositiveTime = 1.0
+    sigma: PositiveNumber = 5.0
+    window: PositiveTime = 0.5
+    repeat: PositivePressure = 20.0
+    drift: Annotated[PressureRate, Ge(0)] = 5.0
+    unknown: PositivePressure = 5e3
+    memory: PositiveTime = 60.0
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.fastest >= self.slowest:
+            raise wrong_value(f"must be below slowest = {self.slowest:g} s", key="fastest")
+        return self
+
+    def test(self) -> LeakTest:
+        """The leak test."""
+        return LeakTest(
+            tolerated_1_s=jnp.asarray(1.0 / self.slowest, float),
+            sigma=jnp.asarray(self.sigma, float),
+            window_s=jnp.asarray(self.window, float),
+            repeat_Pa=jnp.asarray(self.repeat, float),
+            drift_Pa_s=jnp.asarray(self.drift, float),
+            unknown_Pa=jnp.asarray(self.unknown, float),
+            memory_s=jnp.asarray(self.memory, float),
+            prior_1_s=jnp.asarray(1.0 / self.fastest, float),
+        )
 
 
 class LeakState(eqx.Module):

@@ -44,14 +44,15 @@ from softfuse.sensors.pressure.filter import (
     pressure_init,
     pressure_update,
 )
-from softfuse.sensors.pressure.leak import LeakTest
+from softfuse.sensors.pressure.leak import LeakSettings
 from softfuse.sensors.tare import Tare
 from softfuse.sensors.transfer import PositiveRaw, Raw, of_part
 
 _SLOPE = Dimension("an output per pressure", "Pa^-1", "0.009 kPa^-1")
 
 # Of virtual parts: bound of zeros in parts of `error`, spread of gains in parts of `gain_sigma`, drift of the
-# gas in parts of the tare's, and how long it drifts one way.
+# gas
+# in parts of the tare's, and how long it drifts one way.
 _ZERO_BOUND, _GAIN_SIGMA, _DRIFT, _DRIFT_TIME_S = 1.0, 0.5, 0.1, 600.0
 
 
@@ -79,44 +80,6 @@ class TareSettings(Settings):
             follow_s=jnp.asarray(self.follow, float),
             gate_sigma=jnp.asarray(self.gate_sigma, float),
             relearn_s=jnp.asarray(self.relearn, float),
-        )
-
-
-class LeakSettings(Settings):
-    """When gas escapes: time constants in s of the slowest leak that matters and of the fastest to expect.
-
-    sigma: evidence in standard deviations; window, memory in s; repeat, unknown in Pa, drift in Pa/s. 5 Pa/s
-    is sealed gas that a hand warms by 0.9 K a minute. With readings of 44 Pa noise at 100 Hz, one press shows
-    a leak of τ = 30 s if it holds 2.1 kPa for 3 s (s = 32 Pa), or 1 kPa for ever: drift d and leak cannot be
-    told apart when d > (θ − θ0) p / sigma.
-    """
-
-    slowest: PositiveTime = 120.0
-    fastest: PositiveTime = 1.0
-    sigma: PositiveNumber = 5.0
-    window: PositiveTime = 0.5
-    repeat: PositivePressure = 20.0
-    drift: Annotated[PressureRate, Ge(0)] = 5.0
-    unknown: PositivePressure = 5e3
-    memory: PositiveTime = 60.0
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if self.fastest >= self.slowest:
-            raise wrong_value(f"must be below slowest = {self.slowest:g} s", key="fastest")
-        return self
-
-    def test(self) -> LeakTest:
-        """The leak test."""
-        return LeakTest(
-            tolerated_1_s=jnp.asarray(1.0 / self.slowest, float),
-            sigma=jnp.asarray(self.sigma, float),
-            window_s=jnp.asarray(self.window, float),
-            repeat_Pa=jnp.asarray(self.repeat, float),
-            drift_Pa_s=jnp.asarray(self.drift, float),
-            unknown_Pa=jnp.asarray(self.unknown, float),
-            memory_s=jnp.asarray(self.memory, float),
-            prior_1_s=jnp.asarray(1.0 / self.fastest, float),
         )
 
 

@@ -15,15 +15,14 @@ import numpy as np
 import pytest
 
 from softfuse.cli import main
-from softfuse.cli.recorded import sample_frames
-from softfuse.robot.file import load
 from softfuse.hardware.record.session_reader import read_session
-from softfuse.hardware.recording import read_recording
+from softfuse.hardware.recording import Recording, read_recording
 from softfuse.hardware.wire.channel import Channel, RawType
 from softfuse.hardware.wire.description import Description
 from softfuse.hardware.wire.layout import Layout
 from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
 from softfuse.hardware.wire.packet import pack
+from softfuse.robot.file import load
 
 ROOT = Path(__file__).parents[3]
 PAD = (ROOT / "configs" / "pad.toml").read_text()
@@ -138,6 +137,13 @@ def run(config: Path, controller, monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         return caught.value.code
 
     return code
+
+
+def sample_frames(recording: Recording) -> np.ndarray:
+    """The frames (s,) of a recording that count and in which something presses at a known place."""
+    names = ("true_x_mm", "true_y_mm", "true_force_N", "sample")
+    known = np.all([np.isfinite(recording.columns[name]) for name in names], axis=0)
+    return np.flatnonzero(known & (recording.columns["sample"] > 0) & (recording.columns["true_force_N"] > 0))
 
 
 def test_places_are_pressed_recorded_and_not_pressed_again(run, bed, controller, config, tmp_path, capsys):

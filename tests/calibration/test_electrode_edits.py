@@ -7,35 +7,60 @@ import numpy as np
 import pytest
 
 from softfuse.calibration.electrode_baseline import Untouched, untouched
-from softfuse.calibration.electrode_gains import GainFit
-from softfuse.robot.file import load, save_edited
 from softfuse.calibration.electrode_edits import baseline_edits, gain_edits, with_gains
-from softfuse.config.build_sensors import build_sensors
+from softfuse.calibration.electrode_gains import GainFit
 from softfuse.errors import ConfigError
+from softfuse.robot.file import load, save_edited
+from softfuse.robot.settings import RobotSettings
+from softfuse.sensors.capacitive import CapacitiveArray
+from softfuse.sensors.crossed.settings import CrossedSettings
 
 Write = Callable[..., Path]
+
+PAD = Path(__file__).parents[2] / "configs" / "pad.toml"
 
 PLACE = "noise_counts = 8.0\n"
 GIVEN = "row_gain = [1.0, 1.1, 0.9, 1.0, 1.0, 1.0, 1.0, 1.2]\ncolumn_gain = 0.5\n"
 
 
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    """Writes configs/pad.toml with pieces of its text replaced: write((old, new), ...)."""
+
+    def written(*changes: tuple[str, str]) -> Path:
+        text = PAD.read_text(encoding="utf-8")
+        for old, new in changes:
+            assert text.count(old) == 1
+            text = text.replace(old, new)
+        path = tmp_path / "robot.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return written
+
+
+def lines_of(settings: RobotSettings) -> CapacitiveArray:
+    """The electronics of its crossed lines."""
+    return settings.sensors_of(CrossedSettings)[0].array()
+
+
 def test_what_was_fitted_is_read_again(write: Write, tmp_path: Path) -> None:
     source = write((PLACE, PLACE + GIVEN))
     config = load(source)
-    before = np.asarray(build_sensors(config).array.gain)
+    before = np.asarray(lines_of(config).gain)
     np.testing.assert_allclose(before[[1, 2, 7, 8, 15]], [1.1, 0.9, 1.2, 0.5, 0.5])
-    assert np.isinf(build_sensors(config).array.untouched_counts).all()
+    assert np.isinf(lines_of(config).untouched_counts).all()
     value = np.random.default_rng(0).normal(0.0, 0.05, 16)
     gains = GainFit(("gain",) * 16, value, 1e-4 * np.eye(16), np.full(16, 0.05), 8)
     counts = 20000.0 + 10.0 * np.arange(16)
     told = with_gains(config, gains)
     edits = {**gain_edits(told), **baseline_edits(config, Untouched(counts, np.ones(16)))}
     after = save_edited(source, tmp_path / "fitted.toml", edits)
-    made = build_sensors(load(tmp_path / "fitted.toml")).array
+    made = lines_of(load(tmp_path / "fitted.toml"))
     np.testing.assert_allclose(made.gain, before * np.exp(value), rtol=1e-5)
-    np.testing.assert_array_equal(made.gain, build_sensors(told).array.gain)
+    np.testing.assert_array_equal(made.gain, lines_of(told).gain)
     np.testing.assert_array_equal(made.untouched_counts, counts)
-    assert after.sensors.capacitive.row_baseline == tuple(counts[:8])
+    assert after.sensors_of(CrossedSettings)[0].row_baseline == tuple(counts[:8])
 
 
 def test_nothing_known_is_nothing_written(write: Write) -> None:
@@ -48,13 +73,13 @@ def test_nothing_known_is_nothing_written(write: Write) -> None:
     [
         (
             "row_gain = [1.0, 1.0]",
-            "sensors.capacitive.row_gain: 2 values for 8 lines: give one, or one for each",
+            "sensor[1].row_gain: 2 values for 8 channels: give one, or one for each",
         ),
-        ("column_gain = [1.0, 0.9, 1.1]", "sensors.capacitive.column_gain: 3 values for 8 lines"),
-        ("column_gain = 0.0", "sensors.capacitive.column_gain"),
-        ("row_baseline = [1.0]\ncolumn_baseline = [1.0]", "sensors.capacitive.row_baseline: 1 values for 8"),
-        (f"row_baseline = {[1.0] * 8}", "sensors.capacitive.column_baseline: missing, while row_baseline"),
-        (f"column_baseline = {[1.0] * 8}", "sensors.capacitive.row_baseline: missing, while column_baseline"),
+        ("column_gain = [1.0, 0.9, 1.1]", "sensor[1].column_gain: 3 values for 8 channels"),
+        ("column_gain = 0.0", "sensor[1].column_gain"),
+        ("row_baseline = [1.0]\ncolumn_baseline = [1.0]", "sensor[1].row_baseline: 1 values for 8"),
+        (f"row_baseline = {[1.0] * 8}", "sensor[1].column_baseline: missing, while row_baseline"),
+        (f"column_baseline = {[1.0] * 8}", "sensor[1].row_baseline: missing, while column_baseline"),
     ],
 )
 def test_a_wrong_number_is_told(write: Write, said: str, told: str) -> None:

@@ -1,4 +1,4 @@
-"""Senses as one program: the same numbers as frame by frame, never compiled again, read when asked for."""
+"""Sensors as one program: the same numbers as frame by frame, never compiled again, read when asked for."""
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -9,33 +9,32 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.robot.file import load
-from softfuse.config.build_tracker import build_senses
-from softfuse.estimation.compiled_senses import CompiledSenses, Packing
+from softfuse.estimation.compiled_suite import CompiledSuite
+from softfuse.estimation.packing import Packing
 from softfuse.hardware.recording import read_recording
-from softfuse.sensors.senses import AbstractSenses
+from softfuse.robot.file import load
+from softfuse.robot.robot import build_robot
+from softfuse.sensors.suite import SensorSuite
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def senses() -> AbstractSenses:
-    return build_senses(load(ROOT / "configs" / "pad.toml"))
+def suite(coarse: Path) -> SensorSuite:
+    return build_robot(load(coarse)).suite
 
 
 @pytest.fixture(scope="module")
-def compiled(senses) -> CompiledSenses:
+def compiled(suite: SensorSuite) -> CompiledSuite:
     with ThreadPoolExecutor(1) as compiler:
-        return CompiledSenses(senses, compiler)
+        return CompiledSuite(suite, compiler)
 
 
 @pytest.fixture(scope="module")
-def frames():
-    """Until the first press is held: times and the readings of each group."""
+def frames(suite: SensorSuite) -> list[tuple[float, np.ndarray]]:
+    """Until the first press is held: times and readings."""
     recording = read_recording(ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz", [])
-    names = (("flow", 4, "_V"), ("row", 8, ""), ("col", 8, ""))
-    groups = [recording.matrix([f"{name}{k}{unit}" for k in range(n)]) for name, n, unit in names]
-    return [(float(t), tuple(group[i] for group in groups)) for i, t in enumerate(recording.time_s[:200])]
+    return list(zip(recording.time_s[:200].tolist(), recording.matrix(suite.channels)[:200], strict=True))
 
 
 def test_a_tree_comes_out_of_its_vectors_as_it_went_in():
@@ -57,13 +56,13 @@ def test_another_tree_is_refused():
         packing.pack((jnp.zeros(3), jnp.zeros(2)))
 
 
-def test_the_program_says_what_the_senses_say(senses, compiled, frames):
+def test_the_program_says_what_the_sensors_say(suite, compiled, frames):
     compiled.reset()
-    update, state = eqx.filter_jit(lambda s, t, r: senses.update(s, t, r)), senses.init()
+    update, state = eqx.filter_jit(lambda s, t, r: suite.update(s, t, r)), suite.init()
     touched = False
-    for time_s, readings in frames:
-        found = compiled.update(time_s, readings).sensed
-        state, expected = update(state, jnp.asarray(time_s), tuple(map(jnp.asarray, readings)))
+    for time_s, raw in frames:
+        found = compiled.update(time_s, raw).observation
+        state, expected = update(state, jnp.asarray(time_s), jnp.asarray(raw))
         assert jax.tree.structure(found) == jax.tree.structure(expected)
         for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
             np.testing.assert_allclose(
@@ -80,7 +79,7 @@ def test_the_same_frames_give_the_same_bits_and_nothing_is_compiled(compiled, fr
     try:
         for _ in range(2):
             compiled.reset()
-            runs.append([compiled.update(time_s, readings) for time_s, readings in frames])
+            runs.append([compiled.update(time_s, raw) for time_s, raw in frames])
         assert not [name for name in events if "compile" in name or "trace" in name]
     finally:
         jax.monitoring.clear_event_listeners()
@@ -89,27 +88,25 @@ def test_the_same_frames_give_the_same_bits_and_nothing_is_compiled(compiled, fr
             assert np.array_equal(np.asarray(vector), np.asarray(second.packed[kind]), equal_nan=True)
 
 
-def test_kept_senses_say_the_same_and_are_not_traced(senses, compiled, frames, tmp_path, monkeypatch):
+def test_a_kept_program_says_the_same_and_is_not_traced(suite, compiled, frames, tmp_path, monkeypatch):
     before = jax.config.values["jax_compilation_cache_dir"]
     jax.config.update("jax_compilation_cache_dir", str(tmp_path))
     try:
         with ThreadPoolExecutor(1) as compiler:
-            CompiledSenses(senses, compiler)
-            monkeypatch.setattr(type(senses), "update", None)
-            monkeypatch.setattr(type(senses), "init", None)
-            kept = CompiledSenses(senses, compiler)
+            CompiledSuite(suite, compiler)
+            monkeypatch.setattr(type(suite), "update", None)
+            monkeypatch.setattr(type(suite), "init", None)
+            kept = CompiledSuite(suite, compiler)
     finally:
         jax.config.update("jax_compilation_cache_dir", before)
     compiled.reset()
-    for time_s, readings in frames:
-        found, expected = (each.update(time_s, readings).sensed for each in (kept, compiled))
+    for time_s, raw in frames:
+        found, expected = (each.update(time_s, raw).observation for each in (kept, compiled))
         assert jax.tree.structure(found) == jax.tree.structure(expected)
         for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
             assert np.array_equal(a, b, equal_nan=True)
 
 
 def test_another_number_of_readings_is_refused(compiled):
-    with pytest.raises(ValueError, match="want 4, 8, 8"):
-        compiled.update(0.0, (np.zeros(4), np.zeros(16)))
-    with pytest.raises(ValueError, match="want 4, 8, 8"):
-        compiled.update(0.0, (np.zeros(5), np.zeros(8), np.zeros(7)))
+    with pytest.raises(ValueError, match="19 readings in a frame: the sensors have 20 channels"):
+        compiled.update(0.0, np.zeros(19))

@@ -1,0 +1,68 @@
+"""When an estimate is doubted, and by how much its model may be wrong."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from softfuse.estimation.estimator import Estimate
+from softfuse.estimation.model_error import ModelError
+from softfuse.estimation.reading_spread import read_spread
+from softfuse.robot.robot import Robot
+from softfuse.sensors.status import Status
+from softfuse.sensors.suite import Observation
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """When an estimate is doubted: `poor_fit` [-], a misfit above this part of the largest reading;
+    `model_error`, by how much the model may be wrong; `offset_s` [s], over which time what the model misses
+    is averaged.
+    """
+
+    poor_fit: float = 0.25
+    model_error: ModelError = ModelError()
+    offset_s: float = 1.0
+
+    @classmethod
+    def of(cls, robot: Robot) -> "TrackerSettings":
+        """Those that the robot's settings tell; raises SoftfuseError when the file of its spread is not that
+        of such a robot.
+        """
+        given = robot.settings.estimator
+        path, readings = given.reading_spread, robot.model.n_readings
+        spread = None if path is None else read_spread(path, readings)
+        return cls(given.poor_fit, ModelError(given.model_error, spread=spread))
+
+
+def doubts_of(
+    now: Observation,
+    sigma: Float[np.ndarray, " k"],
+    found: Estimate,
+    misfit: Float[np.ndarray, " k"],
+    poor_fit: float,
+) -> list[str]:
+    """What is doubted of an estimate from readings of errors `sigma` (k,), with its misfit (k,)."""
+    doubts: list[str] = []
+    if found.corrected:
+        doubts.append(Status.corrected)
+    if float(found.report.taken) < 1.0:
+        doubts.append(Status.lagging)
+    if _poor(now, sigma, misfit, poor_fit):
+        doubts.append(Status.poor_fit)
+    if not float(found.report.kkt) <= 1e-6:
+        doubts.append(Status.not_optimal)
+    return doubts
+
+
+def _poor(
+    now: Observation, sigma: Float[np.ndarray, " k"], misfit: Float[np.ndarray, " k"], part: float
+) -> bool:
+    """Whether some misfit is beyond both what it may be, and a part of the largest reading, in standard
+    deviations.
+    """
+    if not now.valid.any():
+        return False
+    size = np.where(now.valid, np.abs(now.reading) / sigma, 0.0)
+    missing = np.where(now.valid, np.abs(misfit) / sigma, 0.0)
+    return bool(missing.max() > max(part * size.max(), 5.0))
