@@ -1,4 +1,4 @@
-"""The chambers of a robot that gets those of a plan, perhaps another number of them, and its sensors on them."""
+"""The chambers of a robot that gets those of a plan, perhaps others in number, and its sensors on them."""
 
 from collections.abc import Sequence
 
@@ -46,8 +46,8 @@ def kept_chambers(plan: DesignPlan, config: RobotSettings) -> list[int]:
     for key, value in first.items():
         if any(other[key] != value for other in others):
             raise ConfigError(
-                f"{plan.path}: cavity: {count} of them, but {config.path} has {len(config.chambers)} chambers "
-                f"that differ in {key}: give all the same, or draw as many"
+                f"{plan.path}: cavity: {count} of them, but {config.path} has {len(config.chambers)} "
+                f"chambers that differ in {key}: give all the same, or draw as many"
             )
     return [0] * count
 
@@ -70,8 +70,8 @@ def channel_edits(plan: DesignPlan, config: RobotSettings) -> Edits:
         if len(sensor.gain) > 1 or sorted(sensor.chambers) != sorted(before):
             what = f"{len(sensor.gain)} values of gain" if len(sensor.gain) > 1 else "only some chambers"
             raise ConfigError(
-                f"{plan.path}: cavity: {len(names)} of them, but sensor[{k}] of {config.path} has {what}: give "
-                "it one for all, or draw as many cavities"
+                f"{plan.path}: cavity: {len(names)} of them, but sensor[{k}] of {config.path} has {what}: "
+                "give it one for all, or draw as many cavities"
             )
         unit = "V" if isinstance(sensor, FlowSettings) else "pressure V"
         edits["sensor", k, "chambers"] = names

@@ -6,21 +6,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from softfuse.config.build_device import build_device, electrode_places
-from softfuse.config.build_mesh import build_mesh
 
 from softfuse.calibration.contact_places import ContactPlaces
 from softfuse.calibration.fit import Fit, fit
 from softfuse.calibration.of_robot import (
+    Fitted,
     adjustments_of_presses,
     build_adjustments,
     calibrated_edits,
-    fitted_device,
 )
 from softfuse.calibration.presses import Adjustable, Applied, Presses
 from softfuse.functional.chart import facing
-from softfuse.robot.file import load
-from softfuse.robot.settings import RobotSettings, save_edited
+from softfuse.robot.file import load, save_edited
+from softfuse.robot.robot import build_robot
+from softfuse.robot.settings import RobotSettings
+from softfuse.sensors.cable_length import CableLengthSettings
 
 ATMOSPHERE = 101325.0
 NOISE = 3.0
@@ -51,19 +51,23 @@ def config(linear_finger: Callable[..., Path]) -> RobotSettings:
 
 
 @pytest.fixture(scope="module")
-def applied(config: DeviceConfig) -> Applied:
+def applied(config: RobotSettings) -> Applied:
     electrode, force, length, press = (np.array(each) for each in zip(*SAMPLES, strict=True))
     filling = np.full((len(press), 6), ATMOSPHERE)
     prescribed = np.concatenate([length[:, None], filling], axis=1)
-    return Applied(electrode_places(config)[electrode][:, None], force[:, None], prescribed, press)
+    places = np.array(list(config.places.values()))
+    return Applied(places[electrode][:, None], force[:, None], prescribed, press)
 
 
 @pytest.fixture(scope="module")
-def adjustable(config: RobotSettings, applied: Applied) -> Adjustable:
-    mesh = build_mesh(config)
-    device = fitted_device(config, build_device(config, mesh))
-    may_differ = build_adjustments(config, device, mesh)
-    return Adjustable(device, adjustments_of_presses(config, may_differ, applied, CALLED))
+def fitted(config: RobotSettings) -> Fitted:
+    return Fitted.of(build_robot(config))
+
+
+@pytest.fixture(scope="module")
+def adjustable(fitted: Fitted, applied: Applied) -> Adjustable:
+    may_differ = build_adjustments(fitted)
+    return Adjustable(fitted.model, adjustments_of_presses(fitted, may_differ, applied, CALLED))
 
 
 @pytest.fixture(scope="module")
@@ -74,10 +78,10 @@ def made(adjustable: Adjustable) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def found(adjustable: Adjustable, applied: Applied, made: np.ndarray) -> Fit:
+def found(fitted: Fitted, adjustable: Adjustable, applied: Applied, made: np.ndarray) -> Fit:
     reading = adjustable.answer(made, applied).reading
     noise = NOISE * np.random.default_rng(4).normal(size=reading.shape)
-    return fit(adjustable, Presses(applied, reading + noise, np.full(reading.shape, NOISE)))
+    return fit(adjustable, Presses(applied, reading + noise, np.full(reading.shape, NOISE), fitted.kind))
 
 
 def test_it_has_the_parameters_of_a_finger(adjustable: Adjustable) -> None:
@@ -132,10 +136,10 @@ def test_a_push_is_named_by_where_it_presses() -> None:
 
 
 def test_of_cables_that_nothing_pulls_nothing_is_fitted(
-    config: RobotSettings, adjustable: Adjustable, applied: Applied
+    fitted: Fitted, adjustable: Adjustable, applied: Applied
 ) -> None:
     unpulled = replace(applied, prescribed=np.where(applied.prescribed < 1, 1e-5, applied.prescribed))
-    names = adjustments_of_presses(config, adjustable.adjustments, unpulled, CALLED).names
+    names = adjustments_of_presses(fitted, adjustable.adjustments, unpulled, CALLED).names
     assert "palm zero" not in names and "palm compliance" not in names and "stiffness" in names
 
 
@@ -163,25 +167,27 @@ def test_gain_and_dead_volume_of_a_cavity_are_hard_to_tell_apart(found: Fit) -> 
 
 @pytest.mark.slow
 def test_the_config_that_is_written_is_that_finger(
-    config: RobotSettings, adjustable: Adjustable, made: np.ndarray, tmp_path: Path, applied: Applied
+    config: RobotSettings,
+    fitted: Fitted,
+    adjustable: Adjustable,
+    made: np.ndarray,
+    tmp_path: Path,
+    applied: Applied,
 ) -> None:
-    mesh = build_mesh(config)
-    device = fitted_device(config, build_device(config, mesh))
-    edits = calibrated_edits(config, device, adjustable.adjustments, made)
+    edits = calibrated_edits(fitted, adjustable.adjustments, made)
     again = save_edited(config.path, tmp_path / "fitted.toml", edits)
-    made_mesh = build_mesh(again)
-    whole = fitted_device(again, build_device(again, made_mesh))
+    whole = Fitted.of(build_robot(again))
     names = adjustable.adjustments.names
     # Zeros, gains and places are not of the device's body.
     done = Applied(applied.place[3:6], applied.force_N[3:6], applied.prescribed[3:6], -1 - np.arange(3))
-    none = build_adjustments(again, whole, made_mesh)
+    none = build_adjustments(whole)
     body = made.copy()
     for k, name in enumerate(names):
         if name.endswith((" gain", " zero")):
             body[k] = 0.0
-    there = Adjustable(whole, none).answer(np.zeros(len(none.names)), done).reading
+    there = Adjustable(whole.model, none).answer(np.zeros(len(none.names)), done).reading
     np.testing.assert_allclose(there, adjustable.answer(body, done).reading, rtol=1e-4, atol=0.05)
-    assert again.sensors is not None and again.sensors.cable is not None
+    (cable,) = again.sensors_of(CableLengthSettings)
     zero = made[names.index("palm zero")]
-    np.testing.assert_allclose(again.sensors.cable.zero, [zero], atol=1e-9)
+    np.testing.assert_allclose(cable.zero, [zero], atol=1e-9)
     assert again.cables[0].compliance > 0

@@ -74,7 +74,7 @@ def presses_of(adjustable: Adjustable, value: np.ndarray, *, seed: int = 1) -> P
     done = applied(PLACES, FORCES)
     reading = adjustable.answer(value, done).reading
     noise = NOISE * np.random.default_rng(seed).normal(size=reading.shape)
-    return Presses(done, reading + noise, np.full(reading.shape, NOISE))
+    return Presses(done, reading + noise, np.full(reading.shape, NOISE), np.zeros(2, int))
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +141,7 @@ def replace_names(group: Stiffness, name: str) -> Stiffness:
 
 @pytest.mark.slow
 def test_a_gain_is_found(device: Model, presses: Presses, adjustable: Adjustable, made: np.ndarray) -> None:
-    groups = (*adjustable.adjustments.groups, Gains.of(NAMES, 0.02))
+    groups = (*adjustable.adjustments.groups, Gains.of(NAMES, np.ones(2, bool), 0.02))
     gains = np.array([0.03, -0.02])
     read = replace(presses, reading=presses.reading * np.exp(gains))
     found = fit(Adjustable(device, Adjustments(groups)), read)

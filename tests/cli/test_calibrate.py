@@ -8,6 +8,7 @@ import pytest
 
 from softfuse.robot.file import load
 from softfuse.robot.settings import RobotSettings
+from softfuse.sensors.flow.sensor import FlowSettings
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz"
@@ -30,11 +31,12 @@ def test_what_was_fitted_is_in_the_config(config: RobotSettings) -> None:
     assert config.body.materials[0].law == "yeoh"
     # A coarse body is too stiff by itself.
     assert 0.6e6 / 6 * 0.6 < config.body.materials[0].c1 < 0.6e6 / 6 * 1.3
-    assert 1e-11 < config.contact.compliance < 1e-8
+    assert 1e-11 < config.contact().compliance < 1e-8
     assert 0 < config.estimator.model_error < 0.2
-    assert len(config.sensors.flow.gain) == 4 and np.ptp(config.sensors.flow.gain) > 0
-    for cavity in config.cavities:
-        assert 0 < np.abs([*cavity.shift, *cavity.growth]).max() < 1e-3
+    (flow,) = config.sensors_of(FlowSettings)
+    assert len(flow.gain) == 4 and np.ptp(flow.gain) > 0
+    for chamber in config.chambers:
+        assert 0 < np.abs([*chamber.shift, *chamber.growth]).max() < 1e-3
 
 
 def test_its_comments_are_those_of_the_source(fitted: Path, coarse: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from softfuse.robot.file import load
+from softfuse.sensors.pressure.sensor import PressureSettings
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests" / "data" / "finger_one_push.csv.gz"
@@ -28,10 +29,11 @@ def test_what_was_fitted_is_in_the_config_and_the_report(
     assert code_of("calibrate", coarse, RECORDING, "--out", out, "--quiet") == 0
     fitted = load(out)
     assert fitted.body.materials[0].law == "yeoh"
-    assert len(fitted.sensors.pressure.gain) == 6 and np.ptp(fitted.sensors.pressure.gain) > 0
-    assert len(fitted.gas.dead_volume) == 6 and np.ptp(fitted.gas.dead_volume) > 0
+    (pressure,) = fitted.sensors_of(PressureSettings)
+    assert len(pressure.gain) == 6 and np.ptp(pressure.gain) > 0
+    assert np.ptp([chamber.dead_volume for chamber in fitted.chambers]) > 0
     assert fitted.cables[0].compliance > 0
-    assert 0 < fitted.sensors.pressure.model_error < 0.5
+    assert 0 < pressure.model_error < 0.5
     # Only a device with a map of readings has such a file.
     assert not out.with_suffix(".npz").exists()
     text = out.with_suffix(".html").read_text()

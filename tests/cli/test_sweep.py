@@ -20,11 +20,6 @@ import psutil
 import pyarrow.dataset as ds
 import pytest
 from distributed import Client, LocalCluster
-from softfuse.config import load, save_edited
-from softfuse.config.build_device import build_device, electrode_places
-from softfuse.config.build_sweep import build_series
-from softfuse.config.digest import digest
-from softfuse.config.sweep_plan import load_plan
 
 from softfuse.cli import sweep_worker
 from softfuse.cli.sweep_worker import Chunk, Pressed, solve_chunk
@@ -33,6 +28,11 @@ from softfuse.errors import SoftfuseError
 from softfuse.functional.chart import facing
 from softfuse.mechanics.cable import ShortenedCable
 from softfuse.mechanics.model import simulate
+from softfuse.robot.digest import digest
+from softfuse.robot.file import load, save_edited
+from softfuse.robot.press_plan import load_plan
+from softfuse.robot.press_series import build_series, swept_model
+from softfuse.robot.robot import build_robot
 
 PLACES = '[places]\ntype = "list"\nat = [["-17 mm", "-15 mm"], ["12 mm", "14 mm"]]\n'
 FORCES = '[forces]\nvalues = ["1 N", "4 N"]\n'
@@ -102,7 +102,7 @@ def test_rows_are_those_of_single_simulations_and_none_is_computed_twice(
 
     soft = load(pad)
     stiff = save_edited(pad, tmp_path / "stiff.toml", {("body", "material", 0, "young"): "0.9 MPa"})
-    devices = {1.0: build_device(soft), 1.5: build_device(stiff)}
+    devices = {1.0: build_robot(soft).model, 1.5: build_robot(stiff).model}
     for row in rows:
         assert row["result"] == "converged" and row["residual_N"] < 1e-9 and row["wall_time_s"] > 0
         count = row["contacts"]
@@ -254,20 +254,21 @@ def test_a_finger_is_pressed_while_its_cable_is_shortened(
     alone, both = solve_chunk(Chunk(0, pressed, tuple(series)))
     columns = [
         *("case", "modulus_factor", "cable0_mm", "contacts", "contact0_electrode", "contact0_force_N"),
-        *("force_N", "cable0_N", *(f"pressure{k}_Pa" for k in range(6))),
+        *("force_N", "cable0_N", *(f"dV{k}_mm3" for k in range(6)), *(f"pressure{k}_Pa" for k in range(6))),
     ]
     found = dict(zip(columns, both, strict=False))
     assert found["contact0_electrode"] == "tip left" and found["cable0_mm"] == 5.0
     assert alone[columns.index("force_N")] == 0.0 and found["force_N"] == 0.2
 
-    device = build_device(config)
-    cable, gas = device.actuators
-    device = replace(device, actuators=(ShortenedCable.of(cable, device.body), gas))
-    number = [electrode.name for electrode in config.electrodes].index("tip left")
-    places = jnp.asarray(electrode_places(config)[[number]])
+    robot = build_robot(config)
+    cable, gas = robot.model.actuators
+    shortened = ShortenedCable.of(cable, robot.model.body)
+    device = replace(swept_model(robot, (True,)), actuators=(shortened, gas))
+    places = jnp.asarray(config.places["tip left"][None])
     drive = jnp.array([0.1, 0.1, 5e-3, *6 * [101325.0]])
     reading = device.reading(simulate(device, places, drive, device.rest_state(places)).state)
-    np.testing.assert_allclose([found[name] for name in columns[7:]], reading, rtol=1e-8)
+    scale = np.array([1.0, *6 * [1e9], *6 * [1.0]])
+    np.testing.assert_allclose([found[name] for name in columns[7:]], scale * reading, rtol=1e-8)
 
 
 def test_a_worker_of_another_kind_is_refused(pad: Path) -> None:
@@ -280,7 +281,7 @@ def test_a_worker_of_another_kind_is_refused(pad: Path) -> None:
 
 def test_a_device_is_built_once(pad: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     built = []
-    monkeypatch.setattr(sweep_worker, "build_device", lambda config: built.append(1) or build_device(config))
+    monkeypatch.setattr(sweep_worker, "build_robot", lambda config: built.append(1) or build_robot(config))
     text = pad.read_text() + "\n# not built before\n"
     there = Pressed(text, str(pad), digest(load(pad)), 1, (), installed_version())
     assert [solve_chunk(Chunk(number, there, ())) for number in range(3)] == [[], [], []]
