@@ -50,7 +50,7 @@ def shown(name: str, samples: Samples) -> None:
 
 def main_program() -> None:
     """Calibrate, estimate, compare."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("config", type=Path)
     parser.add_argument("recording", type=Path)
     parser.add_argument("--presses", required=True)

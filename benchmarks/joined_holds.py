@@ -49,7 +49,7 @@ EVERY = 10
 
 def main() -> None:
     """Press, hold, estimate, join, compare."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("config", type=Path)
     parser.add_argument("--drawing", type=Path, required=True)
     parser.add_argument("--hold", type=float, default=60.0, help="in s")

@@ -71,7 +71,7 @@ def pairs_of(robot: Robot, count: int, apart: float, rng: np.random.Generator) -
 
 def main() -> None:
     """Press, estimate, compare."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("config", type=Path)
     parser.add_argument("--pairs", type=int, default=16)
     parser.add_argument("--apart", type=float, default=20.0, help="in mm")
@@ -106,16 +106,14 @@ def main() -> None:
         said, force = performed.recording(given.seed, 1000 + k), performed.frames.values["force"].sum(axis=1)
         raw = np.stack([said[channel][1] for channel in config.channels], axis=1)
         (last,) = np.flatnonzero(performed.frames.sample == len(LEVELS))
-        given_at = None
-        if given.places is not None:
-            given_at = at + 1e-3 * given.places * np.random.default_rng((given.seed, k)).normal(size=(2, 2))
+        off = np.random.default_rng((given.seed, k)).normal(size=(2, 2))
         tracker.reset()
         now: Tracked | None = None
         for i, t in enumerate(performed.frames.time_s[: last + 1].tolist()):
             finding = tracker.sense(Frame(t, raw[i]))
             if i % EVERY == 0 or i == last:
-                if given_at is not None and force[i] > 0:
-                    finding = placed(finding, given_at, 1e-3 * given.places)
+                if given.places is not None and force[i] > 0:
+                    finding = placed(finding, at + 1e-3 * given.places * off, 1e-3 * given.places)
                 now = tracker.estimate(t, finding)
         assert now is not None
         rows += told(k, at, now)
