@@ -13,12 +13,15 @@ import time
 from pathlib import Path
 
 import numpy as np
-from softfuse.cli.felt_presses import parse_presses
-from softfuse.cli.recorded import sample_frames
 
 from softfuse.cli import main
 from softfuse.experiment.accuracy import Samples, coverage, force_table
 from softfuse.hardware.recording import read_recording
+from softfuse.report.columns import Columns
+from softfuse.report.presses import parse_presses
+from softfuse.report.truth import Truth
+from softfuse.robot.file import load
+from softfuse.robot.robot import build_robot
 
 
 def run(*arguments: str | Path) -> float:
@@ -47,7 +50,7 @@ def shown(name: str, samples: Samples) -> None:
 
 def main_program() -> None:
     """Calibrate, estimate, compare."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("config", type=Path)
     parser.add_argument("recording", type=Path)
     parser.add_argument("--presses", required=True)
@@ -58,13 +61,15 @@ def main_program() -> None:
     calibrating = run("calibrate", given.config, given.recording, "--presses", given.presses, "--out", fitted)
     run("estimate", fitted, given.recording, "--out", given.out, "--every", "10", "--quiet")
     recording = read_recording(given.recording, ["press"])
-    at = sample_frames(recording)
+    truth = Truth.of(recording, Columns(build_robot(load(given.config))))
+    at = truth.samples(["x_mm", "y_mm", "force_N"])
+    at = at[truth.get("force_N")[at] > 0]
     found = read_recording(given.out / "estimates.csv", ["force_N"])
     sampled = np.isin(np.round(found.time_s, 4), np.round(recording.time_s[at], 4))
     said = {name: column[sampled] for name, column in found.columns.items()}
-    true = {name: recording.columns[f"true_{name}"][at] for name in ("x_mm", "y_mm", "force_N")}
+    true = {name: truth.get(name)[at] for name in ("x_mm", "y_mm", "force_N")}
     samples = Samples(
-        level=recording.columns["sample"][at].astype(int),
+        level=truth.level[at],
         location_m=1e-3 * np.stack([said["x_mm"], said["y_mm"]], axis=1),
         force_N=said["force_N"],
         true_location_m=1e-3 * np.stack([true["x_mm"], true["y_mm"]], axis=1),
@@ -72,7 +77,7 @@ def main_program() -> None:
         location_sigma_m=1e-3 * np.stack([said["x_sigma_mm"], said["y_sigma_mm"]], axis=1),
         force_sigma_N=said["force_sigma_N"],
     )
-    fit_to = np.isin(recording.columns["press"][at], list(parse_presses(given.presses)))
+    fit_to = np.isin(truth.press[at], list(parse_presses(given.presses)))
     print(f"calibrated in {calibrating:.0f} s")
     shown("fitted to", samples.only(fit_to))
     shown("the others", samples.only(~fit_to))

@@ -1,9 +1,9 @@
-"""Cost of a frame of the pad's senses, and the time until an electrode that lies is named.
+"""Cost of a frame of the pad's sensors, and the time until an electrode that lies is named.
 
     taskset -c 0 .venv/bin/python benchmarks/sensing.py [--out FOLDER] [--repeats N]
 
-Frames are those of a virtual pad on a coarse mesh, touched at four places (`experiment.pad_programme`); each
-is sensed as in the live loop (`estimation.compiled_senses`) and its findings are read. Printed and written to
+Frames are those of a virtual pad on a coarse mesh, touched at four places (`experiment.performance`); each is
+sensed as in the live loop (`estimation.compiled_suite`) and its observation is read. Printed and written to
 sensing.json: compile time; for frames untouched, near and touched the median and 99th percentile of the time
 to sense [ms] and with reading what was found [ms]; how often something was compiled while warm. Then, at
 random places and electrodes, one of which breaks while it is touched: the share that is named, and after how
@@ -14,33 +14,29 @@ import argparse
 import json
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from live_frames import compilations
-from softfuse.config.build_sensors import build_sensors
-from softfuse.config.build_tracker import build_senses
-from softfuse.estimation.compiled_senses import CompiledSenses
-from softfuse.experiment.build_virtual_pad import pad_plan
-from softfuse.experiment.channel_electronics import Readout
-from softfuse.experiment.pad_electrodes import LineElectrodes
-from softfuse.experiment.pad_programme import PadTiming, pad_programme
-from softfuse.experiment.pad_touches import PadBed, pad_touches
-from softfuse.experiment.virtual_pad import Touch
 
-from softfuse.mechanics.sparse import SparseLU
+from softfuse.estimation.compiled_suite import CompiledSuite
+from softfuse.experiment.episodes import Episode, Touch, place_of
+from softfuse.experiment.performance import performance
+from softfuse.experiment.virtual_robot import MakingErrors, virtual_robot
+from softfuse.functional.chart import facing
 from softfuse.robot.body import PadSource
 from softfuse.robot.file import load
+from softfuse.robot.robot import Robot, build_robot
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.crossed.field import FieldSettings
 from softfuse.sensors.crossed.peak_follow import follow_peak, no_peak
 from softfuse.sensors.crossed.peak_model import peak_signal
+from softfuse.sensors.crossed.sensor import CrossedElectrodes
 
 CONFIG = Path(__file__).parents[1] / "configs" / "pad.toml"
-SHEAR_PA, POISSON = 0.2e6, 0.49
+COARSE = {"surface_size": 28e-3, "base_size": 28e-3, "growth": 0.5, "fine_depth": 0.0}
+PLACES_MM = ((18.0, 15.0), (-15.0, 3.0), (3.0, -21.0), (-24.0, -24.0))
 FORCES_N = (2.0, 5.0, 8.0)
 STATES = ("untouched", "near", "touching")
 LIES = 200
@@ -49,41 +45,43 @@ SHARE = 0.9
 """Of the way from the middle to the outermost lines, where electrodes break."""
 
 
-def frames_of(config: RobotSettings) -> tuple[np.ndarray, np.ndarray]:
-    """Times (f,) [s] and readings (f, 20) of a coarse virtual pad that is touched."""
-    assert isinstance(config.body.source, PadSource)
-    plan = pad_plan(config, config.body.source, SHEAR_PA, POISSON)
-    assert isinstance(plan.array, LineElectrodes)
-    pad = replace(
-        plan.settings, surface_size=28e-3, base_size=28e-3, growth=0.5, rims=(0.7, 1.0), sectors=(4, 8)
-    )
-    electrodes = replace(plan.array, field=FieldSettings(radius=pad.radius, cuts=3, bottom_side=2e-3))
-    places = tuple(Touch(touch.at, FORCES_N) for touch in plan.touches)
-    touches = pad_touches(PadBed(pad, electrodes, plan.gaps, plan=SparseLU.plan), places)
-    programme = pad_programme(touches, PadTiming(), plan.parts, plan.flows, plan.electrodes)
-    times = np.arange(0.0, programme.period_s, 0.01)
-    return times, Readout(programme, plan.electronics(1), (1, 2, 3)).read(times)
+def coarse(settings: RobotSettings) -> RobotSettings:
+    """The settings of a pad on a coarse mesh: what sensors say of it costs as much as of another."""
+    source = settings.body.source
+    assert isinstance(source, PadSource)
+    body = settings.body.model_copy(update={"source": source.model_copy(update=COARSE)})
+    return settings.model_copy(update={"body": body})
 
 
-def cost(config: RobotSettings, repeats: int) -> dict[str, object]:
+def frames_of(settings: RobotSettings) -> tuple[np.ndarray, np.ndarray]:
+    """Times (f,) [s] and readings (f, 20) of a virtual pad that is touched."""
+    robot = virtual_robot(settings, MakingErrors(nodes=0))
+    name, at = settings.contact().name, 1e-3 * np.column_stack([PLACES_MM, np.zeros(len(PLACES_MM))])
+    episodes = [Episode((Touch(name, place_of(place), FORCES_N),)) for place in facing(at, (0, 0, -1))]
+    performed = performance(robot, episodes, folder=None)
+    said = performed.recording(1, 2)
+    return performed.frames.time_s, np.stack([said[channel][1] for channel in settings.channels], axis=1)
+
+
+def cost(robot: Robot, repeats: int) -> dict[str, object]:
     """Times of the frames of `repeats` runs by what they see."""
-    times, values = frames_of(config)
+    times, values = frames_of(robot.settings)
     started = time.perf_counter()
     with ThreadPoolExecutor(1) as compiler:
-        senses = CompiledSenses(build_senses(config), compiler)
+        suite = CompiledSuite(robot.suite, compiler)
     compile_s = time.perf_counter() - started
-    groups = [(row[:4], row[4:12], row[12:]) for row in values]
-    senses.update(times[0], groups[0])  # warm
+    (electrodes,) = robot.suite.contact_sensors
+    suite.update(times[0], values[0])  # warm
     seen, sense_ms, read_ms = [], [], []
     with compilations() as compiled:
         for _ in range(repeats):
-            senses.reset()
-            for time_s, readings in zip(times.tolist(), groups, strict=True):
+            suite.reset()
+            for time_s, raw in zip(times.tolist(), values, strict=True):
                 begin = time.perf_counter()
-                finding = senses.update(time_s, readings)
+                finding = suite.update(time_s, raw)
                 jax.block_until_ready(finding.packed)
                 sensed = time.perf_counter()
-                details = finding.sensed.details
+                details = finding.observation.details[electrodes.name]
                 sense_ms.append(1e3 * (sensed - begin))
                 read_ms.append(1e3 * (time.perf_counter() - begin))
                 seen.append(int(details.near) + int(details.touching))
@@ -98,9 +96,11 @@ def cost(config: RobotSettings, repeats: int) -> dict[str, object]:
     return found
 
 
-def delay(config: RobotSettings) -> dict[str, object]:
+def delay(robot: Robot) -> dict[str, object]:
     """In how many frames electrodes that break are named."""
-    model, rng = build_sensors(config).peak, np.random.default_rng(0)
+    (electrodes,) = robot.suite.contact_sensors
+    assert isinstance(electrodes, CrossedElectrodes)
+    model, rng = electrodes.peak, np.random.default_rng(0)
     most = SHARE * np.array([float(model.column_x_m[-1]), float(model.row_y_m[-1])])
     before, frames, e = 5, 60, model.row_y_m.shape[0] + model.column_x_m.shape[0]
     follow = jax.jit(lambda track, signal, valid: follow_peak(model, track, signal, valid))
@@ -141,11 +141,11 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3, help="runs through all frames")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    config = load(CONFIG)
+    robot = build_robot(coarse(load(CONFIG)))
     result = {
         "device": jax.devices()[0].device_kind,
-        "senses": cost(config, given.repeats),
-        "lying_electrode": delay(config),
+        "sensors": cost(robot, given.repeats),
+        "lying_electrode": delay(robot),
     }
     text = json.dumps(result, indent=2)
     (given.out / "sensing.json").write_text(text + "\n")

@@ -4,10 +4,10 @@
 
 CONFIG is a pad under a grid of mutual capacitances, calibrated, such as the fitted.toml of `softfuse
 evaluate configs/pad_mutual.toml --grid 2 --out DIR`; its grid is calibrated here, by touches on and between
-all cells, with and without a force (`calibration.mutual_grid`). The truth is the body of that evaluation,
+all cells, with and without a force (`calibration.mutual_grid`). The truth is the robot of that evaluation,
 which is not the estimator's model: two flat punches press on it together, up to 6 and 3 N, and lift off
 again; its flow sensors and its grid are read through their electronics at 100 Hz, and the frames go through
-the whole tracker. Pairs lie anywhere in the workspace, the first ones across the walls between cavities.
+the whole tracker. Pairs lie anywhere in the workspace, the first ones across the walls between chambers.
 Printed: of each pair the estimates where the forces are held, then the errors of all forces, how many are
 within 10 %, in which part of them the truth lies within the 90 % interval, and the same of those that the
 tracker knows to a tenth (1.645 sigma). With --places MM the places are not the grid's but true to so many
@@ -16,98 +16,50 @@ millimetres, which tells what the mechanics make of two touches that are told ap
 
 import argparse
 import csv
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from softfuse.config.build_device import build_device
-from softfuse.config.build_tracker import build_tracker
-from softfuse.config.contact import DiscSettings
-from softfuse.experiment.build_evaluation import build_bed
-from softfuse.experiment.build_virtual_pad import PadPlan
-from softfuse.experiment.channel_electronics import Readout
-from softfuse.experiment.pad_electrodes import GridElectrodes
-from softfuse.experiment.pad_programme import PadTiming, pad_programme
-from softfuse.experiment.pad_touches import PadTouches
-from softfuse.experiment.virtual_pad import virtual_pad
-from softfuse.sensors.senses import Sensed
 
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
 from softfuse.computing import prepare_jax
+from softfuse.estimation.compiled_suite import Finding
+from softfuse.estimation.packing import Packing
 from softfuse.estimation.tracked import Frame, Tracked
+from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.accuracy import NINETY
-from softfuse.experiment.programme import Programme
+from softfuse.experiment.episodes import Episode, Touch, place_of
+from softfuse.experiment.equilibria import kept_poses
+from softfuse.experiment.paper.bed import build_bed
+from softfuse.experiment.performance import Performance, places_of
+from softfuse.experiment.timeline import frames
 from softfuse.functional.chart import facing
-from softfuse.mechanics.load import Loads
-from softfuse.mechanics.multifrontal import Multifrontal
-from softfuse.mechanics.newton import Newton, solve
-from softfuse.mechanics.solution import RESULTS, State
-from softfuse.robot.file import Edits, load
-from softfuse.robot.settings import RobotSettings, save_edited
-from softfuse.sensors.mutual.field import Thing
+from softfuse.functional.workspace import FlatWorkspace
+from softfuse.robot.file import Edits, load, save_edited
+from softfuse.robot.robot import Robot, build_robot
+from softfuse.robot.settings import RobotSettings
+from softfuse.sensors.mutual.settings import MutualSettings
+from softfuse.sensors.true_contact import TrueContact
 
 FORCES_N = np.array([6.0, 3.0])
-SHARES = np.array([0.0, 1 / 3, 2 / 3, 1.0])
+LEVELS = np.array([1 / 3, 2 / 3, 1.0])
 FIRST = (((-10.0, 15.0), (10.0, 15.0)), ((15.0, 10.0), (15.0, -10.0)), ((-10.0, 0.0), (10.0, 0.0)))
-"""Pairs [mm] across the walls between cavities."""
+"""Pairs [mm] across the walls between chambers."""
 EVERY = 10
+ROWS = 50
+"""Frames over which an image is averaged for the calibration of the grid."""
 
 
-class Bed:
-    """The pad of an evaluation under two punches; one program is compiled for all pairs."""
-
-    def __init__(self, plan: PadPlan) -> None:
-        self._plan, self._pad = plan, virtual_pad(plan.settings)
-        self._newton, self._solve = Newton(Multifrontal.plan(self._pad.body)), eqx.filter_jit(solve)
-
-    def touched(self, at: np.ndarray) -> PadTouches:
-        """Two punches at (2, 2) m that come down, press and lift together; `force` is that of both."""
-        pad, grid = self._pad, self._plan.array
-        assert isinstance(grid, GridElectrodes)
-        places = jnp.asarray(facing(np.column_stack([at, np.zeros(2)]), (0, 0, -1)))
-        loads = Loads(tuple(pad.contact.load(pad.body, place) for place in places))
-        state, volume = State.rest(pad.body, loads), [np.zeros(len(pad.cavities))]
-        for share in SHARES[1:]:
-            found = self._solve(self._newton, pad.body, loads, jnp.asarray(share * FORCES_N), state)
-            assert found.result == RESULTS.converged, RESULTS[found.result]
-            state = found.state
-            moved = pad.body.rest + pad.body.displacement(state.z)
-            volume.append(np.asarray(pad.volumes(moved) - pad.volumes(pad.body.rest)))
-
-        def cells(*things: Thing) -> np.ndarray:
-            return grid.field.with_crosstalk(grid.field.change(things)).T.ravel()
-
-        one, other = (tuple(each) for each in at)
-        near = [
-            cells(*(Thing(each, distance=gap, radius=grid.radius) for each in (one, other)))
-            for gap in self._plan.gaps
-        ]
-        pressed = [
-            cells(
-                *(
-                    Thing(each, force=f, radius=grid.radius)
-                    for each, f in zip((one, other), force, strict=True)
-                )
-            )
-            for force in SHARES[:, None] * FORCES_N
-        ]
-        return PadTouches(
-            at=at.mean(axis=0, keepdims=True),
-            gap=np.array(self._plan.gaps),
-            near=np.array([near]),
-            force=np.array([SHARES * FORCES_N.sum()]),
-            depth=np.array([SHARES]),  # not looked at
-            volume=np.array([volume]),
-            pressed=np.array([pressed]),
-        )
+def places_at(at: np.ndarray) -> np.ndarray:
+    """Places (n, 3, 3) at points (n, 2) m of the top."""
+    return facing(np.column_stack([at, np.zeros(len(at))]), (0, 0, -1))
 
 
-def pairs_of(contact: DiscSettings, count: int, apart: float, rng: np.random.Generator) -> np.ndarray:
+def pairs_of(robot: Robot, count: int, apart: float, rng: np.random.Generator) -> np.ndarray:
     """So many pairs of places (n, 2, 2) [m] that far apart, all within the workspace."""
-    low, high = np.array([contact.workspace.x, contact.workspace.y]).T
+    (workspace, *_) = robot.workspaces
+    assert isinstance(workspace, FlatWorkspace)
+    low, high = np.asarray(workspace.low), np.asarray(workspace.high)
     found = list(1e-3 * np.array(FIRST))[:count]
     while len(found) < count:
         turn = rng.uniform(0, 2 * np.pi)
@@ -119,7 +71,7 @@ def pairs_of(contact: DiscSettings, count: int, apart: float, rng: np.random.Gen
 
 def main() -> None:
     """Press, estimate, compare."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("config", type=Path)
     parser.add_argument("--pairs", type=int, default=16)
     parser.add_argument("--apart", type=float, default=20.0, help="in mm")
@@ -130,36 +82,39 @@ def main() -> None:
     given = parser.parse_args()
     prepare_jax()
     config, drawn = load(given.config), load(given.drawing or given.config)
-    plan = build_bed(drawn, grid=2, seed=given.seed).plan
-    assert (
-        isinstance(plan, PadPlan) and isinstance(config.contact, DiscSettings) and config.sensors is not None
-    )
-    bed = Bed(plan)
+    robot = build_bed(drawn, grid=2, seed=given.seed).robot
     with TemporaryDirectory() as folder:
-        fitted = save_edited(given.config, Path(folder) / "fitted.toml", grid_edits(config, plan, given.seed))
-        tracker = build_tracker(fitted, build_device(fitted))
-    cavities = len(plan.flows)
+        path = Path(folder) / "fitted.toml"
+        edits = grid_edits(config, robot.made, given.seed)
+        tracker = Tracker(build_robot(save_edited(given.config, path, edits)))
+    pairs = pairs_of(robot.made, given.pairs, 1e-3 * given.apart, np.random.default_rng(1))
+    name = drawn.contact().name
+    episodes = [
+        Episode(
+            tuple(
+                Touch(name, place_of(place), tuple((force * LEVELS).tolist()))
+                for place, force in zip(places_at(at), FORCES_N, strict=True)
+            )
+        )
+        for at in pairs
+    ]
     rows = []
-    for k, at in enumerate(
-        pairs_of(config.contact, given.pairs, 1e-3 * given.apart, np.random.default_rng(1))
+    for k, (at, episode, poses) in enumerate(
+        zip(pairs, episodes, kept_poses(None, robot, episodes), strict=True)
     ):
-        programme = pad_programme(bed.touched(at), PadTiming(), plan.parts, plan.flows, plan.electrodes)
-        time_s = programme.step_s * np.arange(len(programme.readings))
-        values = Readout(programme, plan.electronics(given.seed), (given.seed, 1000 + k)).read(time_s)
-        sample = programme.truth["sample"] == len(SHARES) - 1
-        given_at = None
-        if given.places is not None:
-            given_at = at + 1e-3 * given.places * np.random.default_rng((given.seed, k)).normal(size=(2, 2))
+        performed = Performance(robot, places_of(robot, [episode]), frames([poses]))
+        said, force = performed.recording(given.seed, 1000 + k), performed.frames.values["force"].sum(axis=1)
+        raw = np.stack([said[channel][1] for channel in config.channels], axis=1)
+        (last,) = np.flatnonzero(performed.frames.sample == len(LEVELS))
+        off = np.random.default_rng((given.seed, k)).normal(size=(2, 2))
         tracker.reset()
         now: Tracked | None = None
-        for i, t in enumerate(time_s.tolist()):
-            finding = tracker.sense(Frame(t, (values[i, :cavities], values[i, cavities:])))
-            if i % EVERY == 0 or sample[i]:
-                if given_at is not None and programme.truth["true_force_N"][i] > 0:
-                    finding = Placed(placed(finding.sensed, given_at, 1e-3 * given.places))
+        for i, t in enumerate(performed.frames.time_s[: last + 1].tolist()):
+            finding = tracker.sense(Frame(t, raw[i]))
+            if i % EVERY == 0 or i == last:
+                if given.places is not None and force[i] > 0:
+                    finding = placed(finding, at + 1e-3 * given.places * off, 1e-3 * given.places)
                 now = tracker.estimate(t, finding)
-            if sample[i]:
-                break
         assert now is not None
         rows += told(k, at, now)
     show(np.array([row[1:] for row in rows]))
@@ -170,24 +125,23 @@ def main() -> None:
             writer.writerows(rows)
 
 
-def grid_edits(config: RobotSettings, plan: PadPlan, seed: int) -> Edits:
+def grid_edits(config: RobotSettings, made: Robot, seed: int) -> Edits:
     """The grid's constants as touches at known places tell them: a punch on the middles of all cells and
     between them, with 0 N and with 5 N.
     """
-    array, model = plan.array, config.sensors.mutual.grid().model
-    assert isinstance(array, GridElectrodes)
-    x, y = array.field.column_x, array.field.row_y
+    (grid,) = config.sensors_of(MutualSettings)
+    x, y = grid.column_x, grid.row_y
     half = 0.5 * (x[1] - x[0])
     between = [(a + half, b) for a in x[:-1] for b in y[::2]] + [
         (a, b + half) for a in x[::2] for b in y[:-1]
     ]
     on = [(a, b) for a in x for b in y]
     lying, pressed = (
-        KnownTouches(images_under(plan, places, force, seed), np.array(places))
+        KnownTouches(images_under(made, np.array(places), force, seed), np.array(places))
         for places, force in ((on + between, 0.0), (between, 5.0))
     )
-    found = fit_mutual_model(model, lying, pressed)
-    key = ("sensors", "mutual", "shape")
+    found = fit_mutual_model(grid.grid().model, lying, pressed)
+    key = ("sensor", config.sensors.index(grid), "shape")
     return {
         (*key, "contact_counts"): float(found.contact_counts),
         (*key, "depth"): f"{1e3 * float(found.depth_m):.6g} mm",
@@ -198,45 +152,39 @@ def grid_edits(config: RobotSettings, plan: PadPlan, seed: int) -> Edits:
     }
 
 
-def images_under(plan: PadPlan, places: list[tuple[float, float]], force: float, seed: int) -> np.ndarray:
+def images_under(made: Robot, at: np.ndarray, force: float, seed: int) -> np.ndarray:
     """Images (n, c, r) in counts above rest of one punch at each of n places, as the electronics say them."""
-    array = plan.array
-    assert isinstance(array, GridElectrodes)
-    field, rows = array.field, 50
-    changes = np.array(
-        [
-            field.with_crosstalk(field.change([Thing(at, force=force, radius=array.radius)])).T.ravel()
-            for at in places
+    (grid,) = made.settings.sensors_of(MutualSettings)
+    number, radius = made.settings.sensors.index(grid), made.settings.contact(grid.contact).radius
+    nothing = np.zeros((0, 3))
+    changes = np.stack(
+        [grid.signal(made.parts, [], nothing)]
+        + [
+            grid.signal(made.parts, [TrueContact(place, force=force, radius=radius)], nothing)
+            for place in places_at(at)
         ]
     )
-    signal = np.concatenate([np.zeros((rows, changes.shape[1])), np.repeat(changes, rows, axis=0)])
-    volts = plan.parts.readings(np.zeros((len(signal), len(plan.flows))), signal)
-    programme = Programme(0.01, (*plan.flows, *plan.electrodes), volts, {})
+    signal = np.repeat(changes, ROWS, axis=0)
     time_s = 0.01 * np.arange(len(signal))
-    counts = Readout(programme, plan.electronics(seed), (seed, 2000 + int(force))).read(time_s)
-    mean = counts[:, len(plan.flows) :].reshape(len(places) + 1, rows, -1).mean(axis=1)
-    image = (mean[1:] - mean[0]).reshape(len(places), len(field.row_y), len(field.column_x))
+    drawn, noise = (seed, number), (seed, 2000 + int(force), number)
+    counts = grid.simulate(made.parts, time_s, signal, drawn, noise)
+    mean = counts.reshape(len(changes), ROWS, -1).mean(axis=1)
+    image = (mean[1:] - mean[0]).reshape(len(at), len(grid.row_y), len(grid.column_x))
     return image.transpose(0, 2, 1)
 
 
-@dataclass(frozen=True, eq=False)
-class Placed:
-    """What the tracker reads of a frame."""
-
-    sensed: Sensed
-
-
-def placed(sensed: Sensed, at: np.ndarray, sigma: float) -> Sensed:
+def placed(finding: Finding, at: np.ndarray, sigma: float) -> Finding:
     """What the sensors say, with both contacts at (2, 2) m, known to sigma [m]."""
-    middles, both = np.column_stack([at, np.zeros(2)]), np.ones(2, bool)
-    return sensed._replace(
+    both = np.ones(2, bool)
+    observation = finding.observation._replace(
         touching=both,
         pressing=both,
         clear=np.array(False),
-        places=facing(middles, (0, 0, -1)),
-        location_m=middles,
+        places=places_at(at),
+        location_m=places_at(at)[:, 0],
         location_sigma_m=np.full((2, 2), sigma),
     )
+    return Finding(Packing.of(observation).pack(observation), Packing.of(observation))
 
 
 def told(pair: int, at: np.ndarray, now: Tracked) -> list[tuple]:

@@ -22,7 +22,7 @@ def convert(
         Path | None,
         typer.Option(
             "--format",
-            help="TOML whose table [recording] tells how a CSV is written, where it is not found.",
+            help="TOML whose table \\[recording] tells how a CSV is written, where it is not found.",
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite the file if it exists.")] = False,

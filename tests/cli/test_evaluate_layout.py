@@ -1,4 +1,4 @@
-"""softfuse evaluate of a body whose cavities are of different shapes, from its config to its report."""
+"""softfuse evaluate of a body whose chambers are of different shapes, from its config to its report."""
 
 import csv
 from collections.abc import Callable
@@ -51,5 +51,5 @@ def test_a_layout_is_evaluated_as_a_pad_is(code_of: Callable[..., int], tmp_path
     assert calibrated < drawn < 25 and calibrated < 10
     fitted = load(out / "fitted.toml")
     assert fitted.body.source == load(config).body.source
-    moved = np.array([cavity.shift for cavity in fitted.cavities])
+    moved = np.array([chamber.shift for chamber in fitted.chambers])
     assert 0 < np.abs(moved).max() < 1.5e-3

@@ -16,14 +16,12 @@ from time import monotonic
 from softfuse.errors import HardwareError
 from softfuse.hardware.source.port import AbstractPort
 from softfuse.hardware.stage.dialect import PATIENCE_S, AbstractDialect, Halted, Millimetres, Talk
-from softfuse.hardware.stage.workspace import Place, Workspace
+from softfuse.hardware.stage.workspace import TOLERANCE, Place, Workspace
 
 GREETING_S = 10.0
 """How long a board may take to start [s]."""
 HELLO_AGAIN_S = 1.0
 HOMING_S = 120.0
-TOLERANCE_MM = 0.02
-"""How far from its target a stage may stop [mm]; firmwares round to a step."""
 
 
 class GcodeStage:
@@ -77,7 +75,7 @@ class GcodeStage:
             self._talk.wait(seconds)
             self._talk.command(self._dialect.settle, patience_s=PATIENCE_S + seconds)
             there = self._dialect.locate(self._talk)
-            if math.dist(there, target) > TOLERANCE_MM:
+            if math.dist(there, target) > 1e3 * TOLERANCE:
                 raise HardwareError(
                     f"the stage stands at {_shown(there)} instead of {_shown(target)}: "
                     "check its limits and its settings for the steps"

@@ -9,12 +9,16 @@ Place = tuple[float, float, float]
 """x, y, z [m], in the stage's coordinates."""
 _AXES = "xyz"
 
+TOLERANCE = 0.02e-3
+"""How far from its target a stage may stop [m]; firmwares round to a step."""
+
 
 @dataclass(frozen=True)
 class Workspace:
     """A box and a greatest speed; HardwareError where they are none.
 
-    A straight move between two points of the box stays in it; one from outside, after homing, comes in.
+    A straight move between two points of the box stays in it; one from outside, after homing, comes in. A
+    stage that stands at the box's edge, as exactly as stages do, may retreat along it.
     """
 
     lowest: Place
@@ -35,7 +39,7 @@ class Workspace:
     def check(self, place: Place, speed: float) -> None:
         """HardwareError unless the stage may go to the place [m] with the speed [m/s]."""
         for axis, value, low, high in zip(_AXES, place, self.lowest, self.highest, strict=True):
-            if not low <= value <= high:
+            if not low - TOLERANCE <= value <= high + TOLERANCE:
                 raise HardwareError(
                     f"the stage must not go to {axis} = {_mm(value)}: {axis} lies between {_mm(low)} and "
                     f"{_mm(high)}; nothing has moved"

@@ -68,6 +68,15 @@ def test_nothing_moves_beyond_the_workspace(stage, controller):
     assert controller.heard == before
 
 
+@pytest.mark.parametrize("kind", ["grbl"], indirect=True)
+def test_a_stage_moves_along_the_edge_at_which_it_stands(stage, controller):
+    """Though it stands beside it by a step of its motors."""
+    stage.move_to(-0.05, 0.0, 0.0, speed=0.1)
+    x, y, _ = stage.position()
+    stage.move_to(x - 10e-6, y, 0.01, speed=0.1)
+    assert place_of(controller)[2] == pytest.approx(0.01, abs=1e-9)
+
+
 def stopped(stage, controller, *, after: float, target=(0.04, 0.0, 0.0), speed=0.02) -> tuple[float, str]:
     """Stop a move; how late the controller heard of it [s], and what the mover was told."""
     told = []
