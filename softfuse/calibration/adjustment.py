@@ -209,8 +209,8 @@ class Gains(AbstractAdjustment):
     def of(cls, names: Sequence[str], having: Bool[np.ndarray, " k"], sigma: float) -> Self:
         """Of those readings with names (k,) that have a gain, with a prior standard deviation [-]."""
         numbers = np.flatnonzero(having)
-        own = tuple(f"{names[k]} gain" for k in numbers)
-        return cls(jnp.full(len(own), sigma), jnp.asarray(numbers), own)
+        own = tuple(f"{names[int(k)]} gain" for k in numbers)
+        return cls(sigma=jnp.full(len(own), sigma), numbers=jnp.asarray(numbers), names=own)
 
     def measured(self, reading, value):
         """Readings of sensors that say more or less than the truth."""
