@@ -132,6 +132,9 @@ class Unheard(AbstractPorts):
     def supports(self):
         return jnp.zeros(1)
 
+    def resultants(self, body, z):
+        return jnp.zeros((6, len(z)))
+
 
 def test_what_has_no_projection_is_refused(pair) -> None:
     load = PrescribedForce(Unheard(), jnp.zeros(1), jnp.ones(1))
