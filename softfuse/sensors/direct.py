@@ -32,6 +32,13 @@ class AbstractConvert(eqx.Module):
     def __call__(self, raw: Float[Array, " n"]) -> Float[Array, " k"]:
         """Values (k,) of raw readings (n,); NaN where something is missing."""
 
+    def beside_zero(self, change: Float[Array, " k"], offset_sigma: Float[Array, " k"]) -> Float[Array, " k"]:
+        """Standard deviations (k,) of changes (k,) from a zero, which may be wrong by `offset_sigma` (k,),
+        where taking it off is not all that there is to it; 0 where it is.
+        """
+        del offset_sigma
+        return jnp.zeros_like(change)
+
 
 class Scale(AbstractConvert):
     """Values are raw readings times a factor (k,), or one for all."""
@@ -106,7 +113,8 @@ class Direct(AbstractSensor):
         mean = jnp.where(read, fresh, state.mean)
         variance = tare_variance(self.tare, tare) if self.tared else self.offset_sigma**2
         left = self.noise**2 * share / (2 - share)
-        sigma = jnp.sqrt(left + variance + (self.gain_sigma * mean) ** 2)
+        beside = self.convert.beside_zero(mean, self.offset_sigma)
+        sigma = jnp.sqrt(left + variance + (self.gain_sigma * mean) ** 2 + beside**2)
         valid = read & (tare_known(self.tare, tare) | jnp.asarray(not self.tared))
         flags = {f"{self.name} missing": jnp.any(~read)}
         return DirectState(tare, mean, state.known | read), Measurement(

@@ -45,6 +45,10 @@ class Attitude(AbstractConvert):
         )
         return jnp.where(known, rotation_vector(self.reference.T @ turned), jnp.nan)
 
+    def beside_zero(self, change, offset_sigma):
+        """Whether a zero turns before or after the body makes half of the product of both turns."""
+        return 0.5 * offset_sigma * jnp.sqrt(jnp.sum(change**2) + jnp.finfo(float).tiny)
+
 
 class _OrientationSettings(DirectSettings):
     """At a [[point]], over a ball of `radius` in m; axes: those of the sensor in the body at rest, unit
