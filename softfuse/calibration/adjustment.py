@@ -214,7 +214,8 @@ class Gains(AbstractAdjustment):
 
     def measured(self, reading, value):
         """Readings of sensors that say more or less than the truth."""
-        return reading.at[self.numbers].multiply(jnp.exp(value))
+        # Reverse derivatives of a product want to know that no reading counts twice.
+        return reading.at[self.numbers].multiply(jnp.exp(value), unique_indices=True)
 
 
 class Adjustments(eqx.Module):

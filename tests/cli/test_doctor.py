@@ -104,7 +104,7 @@ def test_this_machine_is_well_and_says_so_to_machines(
     def opened(*_: object) -> None:
         raise AssertionError("a port was opened")
 
-    monkeypatch.setattr("softfuse.cli.sources.open_serial", opened)
+    monkeypatch.setattr("softfuse.hardware.source.configured.open_serial", opened)
     assert code_of("doctor", "--json") == 0
     told = json.loads(capsys.readouterr().out)
     about = {finding["about"]: finding for finding in told["findings"]}
@@ -232,7 +232,7 @@ def test_a_silent_port_and_a_wrong_configuration_are_told(
         os.close(host)
         os.close(device)
     out = " ".join(capsys.readouterr().out.split())
-    assert "nothing has come for 0.3 s" in out and "contact.max_force" in out
+    assert "nothing has come for 0.3 s" in out and "contact[0].max_force" in out
     assert "this user may not open it" in out and "\x1b" not in out
 
 

@@ -134,7 +134,7 @@ def test_the_report_is_whole(results: Path) -> None:
     [
         (["estimate", "{coarse}", "no.csv", "--out", "{tmp}"], "cannot open the recording no.csv"),
         (["estimate", "no.toml", "{faulty}", "--out", "{tmp}"], "no.toml: cannot be read"),
-        (["estimate", "{coarse}", "{coarse}", "--out", "{tmp}"], "lacks the columns 'time_s'"),
+        (["estimate", "{coarse}", "{coarse}", "--out", "{tmp}"], "lacks the column 'time_s'"),
         (["estimate", "{coarse}", "{faulty}", "--out", "{coarse}"], "cannot be written: "),
         (
             ["calibrate", "{coarse}", "{faulty}", "--presses", "7", "--out", "{tmp}/a.toml"],
