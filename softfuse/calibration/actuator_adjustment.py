@@ -35,7 +35,7 @@ class CableZeros(AbstractAdjustment):
     def of(cls, cables: Sequence[str], number: Int[np.ndarray, " b"], sigma: float) -> Self:
         """Of cables with numbers (b,) among the actuators' drives, with a prior standard deviation [m]."""
         names = tuple(f"{name} zero" for name in cables)
-        return cls(jnp.full(len(cables), sigma), jnp.asarray(number), names)
+        return cls(sigma=jnp.full(len(cables), sigma), number=jnp.asarray(number), names=names)
 
     def prescribed(self, drive, value):
         """Lengths by which cables are shorter than where they get taut."""
@@ -79,7 +79,8 @@ class DeadVolumes(AbstractAdjustment):
         """Of the gas in all sealed chambers, in the order of their drives, with a prior standard deviation
         [-].
         """
-        return cls(jnp.full(len(chambers), sigma), tuple(f"{name} dead volume" for name in chambers))
+        names = tuple(f"{name} dead volume" for name in chambers)
+        return cls(sigma=jnp.full(len(chambers), sigma), names=names)
 
     def adjusted(self, device, value):
         """The model with more or less gas behind its chambers."""
