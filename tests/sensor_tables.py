@@ -74,6 +74,7 @@ TABLES: dict[str, dict[str, Any]] = {
     },
     "base-wrench": {"channels": ["fx", "fy", "fz", "mx", "my", "mz"], "carried": ["one"]},
     "point-pressure": {"channels": ["b"], "point": "tip", "gain": 2.0},
+    "strain-gauge": {"channels": ["g"], "path": [["-30 mm", "0 mm", "15 mm"], ["30 mm", "0 mm", "15 mm"]]},
     "indenter": {"channels": ["ix", "iy", "iF"], "contact": "top"},
 }
 """Keys of each kind besides its name, as they are written."""

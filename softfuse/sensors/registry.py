@@ -21,6 +21,7 @@ from softfuse.sensors.mutual.settings import MutualSettings
 from softfuse.sensors.orientation import AccelerometerSettings, AttitudeSettings
 from softfuse.sensors.point_pressure import PointPressureSettings
 from softfuse.sensors.pressure.sensor import PressureSettings
+from softfuse.sensors.strain_gauge import StrainGaugeSettings
 
 SENSORS: Mapping[str, type[SensorSettings]] = MappingProxyType(
     {
@@ -41,5 +42,6 @@ SENSORS: Mapping[str, type[SensorSettings]] = MappingProxyType(
         "point-pressure": PointPressureSettings,
         "base-wrench": BaseWrenchSettings,
         "indenter": IndenterSettings,
+        "strain-gauge": StrainGaugeSettings,
     }
 )

@@ -32,6 +32,7 @@ MEASURING = {
     "bragg-gratings": 20.0,
     "point-pressure": 20e3,
     "base-wrench": 1.0,
+    "strain-gauge": 4e-3,
 }
 """Kinds that measure, and how much of it is much."""
 
