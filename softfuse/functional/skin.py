@@ -172,11 +172,11 @@ def framed(
 def neighbours(places: Float[np.ndarray, "p 3 3"], distance: float) -> list[Int[np.ndarray, " n"]]:
     """For each place the others within a `distance` [m] that face the same side, in ascending order."""
     near = KDTree(places[:, 0]).query_ball_point(places[:, 0], distance, return_sorted=True)
-    inwards = np.cross(places[:, 1], places[:, 2])
+    outwards = np.cross(places[:, 1], places[:, 2])
     found = []
     for k, numbers in enumerate(near):
         others = np.setdiff1d(np.asarray(numbers, int), [k])
-        found.append(others[inwards[others] @ inwards[k] > _SAME_SIDE])
+        found.append(others[outwards[others] @ outwards[k] > _SAME_SIDE])
     return found
 
 

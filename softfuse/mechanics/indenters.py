@@ -35,7 +35,19 @@ def disc_at(
     return Contact(at, cells, place[0], radius, compliance)
 
 
-class AbstractIndenter(AbstractContact):
+class AbstractDiscs(AbstractContact):
+    """What presses through discs of a surface."""
+
+    @abstractmethod
+    def discs(self, body: AbstractBody, place: Float[Array, "3 3"]) -> list[Contact]:
+        """The discs at a place (3, 3)."""
+
+    def overlap(self, body, place):
+        """The least of the discs'."""
+        return jnp.min(jnp.stack([disc.overlap(body) for disc in self.discs(body, place)]))
+
+
+class AbstractIndenter(AbstractDiscs):
     """Something rigid that presses with one force, or to one depth."""
 
     @property
@@ -56,10 +68,13 @@ class FlatIndenter(AbstractIndenter):
     radius: Float[Array, ""] = eqx.field(converter=constant)
     compliance: Float[Array, ""] = eqx.field(default=0.0, converter=constant)
 
+    def discs(self, body, place):
+        """The disc, with its layer."""
+        return [disc_at(self.surface, self.cells, self.radius, body, place, compliance=self.compliance)]
+
     def load(self, body, place):
         """The disc at a place (3, 3), driven by its force [N]."""
-        disc = disc_at(self.surface, self.cells, self.radius, body, place, compliance=self.compliance)
-        return Punch.of(disc, body)
+        return Punch.of(*self.discs(body, place), body)
 
 
 class SphereIndenter(AbstractIndenter):
@@ -70,10 +85,13 @@ class SphereIndenter(AbstractIndenter):
     radius: Float[Array, ""] = eqx.field(converter=constant)
     extent: Float[Array, ""] = eqx.field(converter=constant)
 
+    def discs(self, body, place):
+        """Where it may touch."""
+        return [disc_at(self.surface, self.cells, self.extent, body, place)]
+
     def load(self, body, place):
         """The sphere at a place (3, 3), driven by its force [N]."""
-        disc = disc_at(self.surface, self.cells, self.extent, body, place)
-        return RoundIndenter.of(disc, body, self.radius, jnp.zeros(2))
+        return RoundIndenter.of(*self.discs(body, place), body, self.radius, jnp.zeros(2))
 
 
 class CylinderIndenter(AbstractIndenter):
@@ -87,14 +105,21 @@ class CylinderIndenter(AbstractIndenter):
     extent: Float[Array, ""] = eqx.field(converter=constant)
     axis: Float[Array, "2"] = eqx.field(default=(1.0, 0.0), converter=constant)
 
-    def load(self, body, place):
-        """The cylinder at a place (3, 3), driven by its force [N]."""
-        # The tangents of what is seen along d are u and −v.
-        axis = self.axis * jnp.array([1.0, -1.0]) if isinstance(self.surface, Skin) else self.axis
+    @property
+    def seen_axis(self) -> Float[Array, "2"]:
+        """The axis in the tangents of what is seen along d, which are u and −v of a skin's place."""
+        return self.axis * jnp.array([1.0, -1.0]) if isinstance(self.surface, Skin) else self.axis
+
+    def discs(self, body, place):
+        """The strip where it may touch."""
+        axis = self.seen_axis
         turned = jnp.stack([axis, jnp.array([-1.0, 1.0]) * axis[::-1]])
         cells = eqx.tree_at(lambda c: c.points, self.cells, self.cells.points @ turned)
-        disc = disc_at(self.surface, cells, self.extent, body, place)
-        return RoundIndenter.of(disc, body, self.radius, axis)
+        return [disc_at(self.surface, cells, self.extent, body, place)]
+
+    def load(self, body, place):
+        """The cylinder at a place (3, 3), driven by its force [N]."""
+        return RoundIndenter.of(*self.discs(body, place), body, self.radius, self.seen_axis)
 
 
 class AtDepth(AbstractContact):
@@ -111,8 +136,12 @@ class AtDepth(AbstractContact):
         """The indenter at a place (3, 3), driven by its depth."""
         return self.indenter.load(body, place).at_depth()
 
+    def overlap(self, body, place):
+        """That of the indenter."""
+        return self.indenter.overlap(body, place)
 
-class SurfacePatches(AbstractContact):
+
+class SurfacePatches(AbstractDiscs):
     """Uniform patches of `radius` [m] at `offsets` (c,) [m] along u from a place, each pressed along its
     current normal. Forces on two stand for one force anywhere between them.
     """
@@ -127,16 +156,19 @@ class SurfacePatches(AbstractContact):
         """Those of the patches."""
         return self.offsets
 
-    def load(self, body, place) -> AbstractLoad:
-        """The patches at a place (3, 3), driven by their forces [N]."""
-        discs = [
+    def discs(self, body, place):
+        """The patches."""
+        return [
             disc_at(self.surface, self.cells, self.radius, body, place.at[0].add(offset * place[1]))
             for offset in self.offsets
         ]
-        return NormalPatches.of(discs, body)
+
+    def load(self, body, place) -> AbstractLoad:
+        """The patches at a place (3, 3), driven by their forces [N]."""
+        return NormalPatches.of(self.discs(body, place), body)
 
 
-class SurfaceForce(AbstractContact):
+class SurfaceForce(AbstractDiscs):
     """A uniform patch of `radius` [m] that is pushed with a force vector: along its current normal, and along
     the tangents that u and v become.
     """
@@ -150,6 +182,10 @@ class SurfaceForce(AbstractContact):
         """Normal force, and two tangential ones, all at the place."""
         return jnp.zeros(3)
 
+    def discs(self, body, place):
+        """The patch."""
+        return [disc_at(self.surface, self.cells, self.radius, body, place)]
+
     def load(self, body, place) -> AbstractLoad:
         """The patch at a place (3, 3), driven by its force vector [N]."""
-        return PatchForces(frame_ports([disc_at(self.surface, self.cells, self.radius, body, place)], body))
+        return PatchForces(frame_ports(self.discs(body, place), body))

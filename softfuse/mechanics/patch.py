@@ -102,11 +102,11 @@ def frame_ports(contacts: Sequence[Contact], body: AbstractBody) -> PlacePorts:
 
 
 def _axes(y: Float[Array, " 9c"]) -> Float[Array, "c 3 3"]:
-    """Of each patch its normal n, its first tangent made a unit vector t_1, and t_2 = n × t_1."""
+    """Of each patch its normal n, its first tangent made a unit vector t_1, and t_2 = t_1 × n."""
     first = y[y.shape[0] // 3 :].reshape(-1, 2, 3)[:, 0]
     normal = _normals(y)
     first = first / jnp.linalg.norm(first, axis=1, keepdims=True)
-    return jnp.stack([normal, first, jnp.cross(normal, first)], axis=1)
+    return jnp.stack([normal, first, jnp.cross(first, normal)], axis=1)
 
 
 def _positions_first(frames: Float[Array, "... c 9"]) -> Float[Array, "... 9c"]:

@@ -83,15 +83,18 @@ class Model:
         self.forward = jax.jit(forward)
         self.backward = jax.jit(backward)
         self.rest = State(jnp.zeros(body.n), jnp.zeros(cells.count), jnp.zeros(1), jnp.zeros(1))
+        random = np.random.default_rng(0)
+        # Depth counts from where the disc first touches: on a perfectly flat top everywhere at once, which
+        # has no derivative. This one is uneven by some hundredths of a millimetre.
+        uneven = 2e-5 * jnp.asarray(random.normal(size=body.rest.shape))
         self.at = Cause(
             jnp.array([3.0]),
             body.materials[0],
-            body.rest,
+            body.rest + uneven,
             jnp.array([0.0094, 0.0104, 0.01]),
             jnp.asarray(0.0062),
             jnp.asarray(0.002 * 0.0062 / float(body.pressure_unit)),
         )
-        random = np.random.default_rng(0)
         # Each part changes by its own size, or the nodes and the disc by a fraction of an element.
         self.along = Cause(
             0.7 * self.at.force,

@@ -32,8 +32,8 @@ from softfuse.mesh.surface import boundary_faces
 
 HALF, HEIGHT = 0.015, 0.012
 STIFFNESS = 1.1e5  # Pa, E/(1 − ν²) of the half space
-UP = np.array([[0.0, 0.0, HEIGHT], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-DOWN = np.cross(UP[1], UP[2])
+UP = np.array([[0.0, 0.0, HEIGHT], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+DOWN = -np.cross(UP[1], UP[2])
 DOME = 0.02  # m, the radius at its apex
 SIDE = 13
 GRID = strip(1.0, SIDE, SIDE)
@@ -171,10 +171,9 @@ def test_a_flat_punch_on_a_dome_is_a_sphere_on_a_plane(block, dome) -> None:
 
 
 def test_a_dome_is_pressed_along_its_own_normal(dome) -> None:
-    place = dome.skin.places_at(np.asarray(dome.body.rest), np.array([[6e-3, 0.0, HEIGHT]]), along=(1, 0, 0))[
-        0
-    ]
-    inwards = np.cross(place[1], place[2])
+    rest = np.asarray(dome.body.rest)
+    place = dome.skin.places_at(rest, np.array([[6e-3, 0.0, HEIGHT]]), along=(1, 0, 0))[0]
+    inwards = -np.cross(place[1], place[2])
     np.testing.assert_allclose(inwards / -inwards[2], [-0.3, 0.0, -1.0], atol=0.05)
     load = SphereIndenter(dome.skin, even(), 4e-3, 3e-3).load(dome.body, jnp.asarray(place))
     np.testing.assert_allclose(load.shape.direction, inwards, atol=1e-12)
@@ -225,7 +224,7 @@ def test_a_force_vector_turns_with_its_patch(block) -> None:
         np.testing.assert_allclose(unmet, 0.0, atol=1e-12)
     shifted = load.ports.rest.at[:3].add(jnp.array([2e-3, 1e-3, -4e-3]))
     way = load.conjugate(jnp.zeros(3), jnp.zeros(0), shifted)
-    np.testing.assert_allclose(way, [4e-3, 2e-3, -1e-3], rtol=1e-12)
+    np.testing.assert_allclose(way, [4e-3, 2e-3, 1e-3], rtol=1e-12)
 
 
 def test_patches_stand_along_the_first_tangent(block) -> None:
@@ -233,8 +232,8 @@ def test_patches_stand_along_the_first_tangent(block) -> None:
     patches = SurfacePatches(skin, uniform(rings=3, angles=8), 2e-3, (-3e-3, 5e-3))
     place = jnp.asarray(np.stack([UP[0], UP[2], -UP[1]]))
     load = patches.load(body, place)
-    np.testing.assert_allclose(load.ports.rest[:6].reshape(2, 3)[:, 1], [3e-3, -5e-3], atol=1e-9)
-    np.testing.assert_allclose(patches.arms(place), [-4e-3, 4e-3], atol=1e-15)
+    np.testing.assert_allclose(load.ports.rest[:6].reshape(2, 3)[:, 1], [-3e-3, 5e-3], atol=1e-9)
+    np.testing.assert_allclose(patches.arms, [-3e-3, 5e-3], atol=1e-15)
     assert patches.drives == load.sizes.drives == 2
 
 
