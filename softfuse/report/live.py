@@ -38,7 +38,9 @@ class LiveEstimates:
     @classmethod
     def of(cls, robot: Robot, tracker: Tracker) -> Self:
         """By a tracker that has seen nothing; raises ConfigError for points outside the body."""
-        return cls(robot, tracker, Columns(robot), smoother_of(tracker))
+        columns = Columns(robot)
+        columns.watched.posture(tracker.state)  # compiled here, not while the first frame waits for it
+        return cls(robot, tracker, columns, smoother_of(tracker))
 
     @classmethod
     def built(cls, settings: RobotSettings, charts: Path | None = None) -> Self:
@@ -104,6 +106,8 @@ class Pictures:
     def __init__(self, view: RerunView, live: LiveEstimates):
         """In a view of the scene of these estimates."""
         self._view, self._live = view, live
+        nowhere = np.full((len(live.columns.slots), 3, 3), np.nan)
+        live.columns.watched.pressed(nowhere, live.tracker.state)  # compiled before it is shown
         self._shown_s = -np.inf
 
     def publish(self, now: Published) -> None:

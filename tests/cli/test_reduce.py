@@ -84,5 +84,5 @@ def test_charts_of_another_pad_are_refused(coarse, charts, code_of, tmp_path, ca
 
 
 def test_a_device_that_nothing_presses_is_not_reduced(coarse) -> None:
-    with pytest.raises(ConfigError, match="contact: missing"):
-        build_regions(load(coarse).model_copy(update={"contact": None}))
+    with pytest.raises(ConfigError, match="contact: say which one is meant: there is none"):
+        build_regions(load(coarse).model_copy(update={"contacts": ()}))
