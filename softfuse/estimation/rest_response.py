@@ -108,7 +108,7 @@ class Press(eqx.Module):
         linear = linearise(still.body, loads, inverse, rest)
         settled, y = settled_on(linear, rest)
         slope = slopes(linear.held, (settled.force, settled.internal), y, rest.drive)
-        state = State(linear.step(settled.force), settled.force, settled.internal, rest.drive)
+        state = State(held.z + linear.step(settled.force), settled.force, settled.internal, rest.drive)
         return cls(device, place, state, coupled(loads, linear, slope), loads.supports, inverse)
 
     def answer(self) -> State:
