@@ -6,7 +6,9 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Charts, Quiet, busy, out_folder, stdout, tracked
+from softfuse.cli.options import Charts, Quiet, out_folder
+from softfuse.cli.progress import busy, tracked
+from softfuse.cli.terminal import say
 from softfuse.estimation.stream import follow
 from softfuse.estimation.tracker import Tracker
 from softfuse.report.recorded import Part, read_sensors, sensor_frames
@@ -60,6 +62,4 @@ def estimate(
     (out / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
     with busy("writing the report", quiet=quiet):
         write_report(out / "report.html", study, smoothed, numbers)
-    if not quiet:
-        lines = [*words(numbers, all_errors(study, smoothed)), f"written to {out}"]
-        stdout.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
+    say(*words(numbers, all_errors(study, smoothed)), f"written to {out}", quiet=quiet)

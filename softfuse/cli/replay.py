@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
+from softfuse.cli.options import Charts, Quiet
+from softfuse.cli.progress import busy, tracked
+from softfuse.cli.terminal import say
 from softfuse.cli.view_options import Bind, SaveView, StreamPort, View, ViewPort, opened_view
 from softfuse.errors import RecordingError
 from softfuse.hardware.live.pipeline import Pipeline
@@ -64,8 +66,7 @@ def replay(
             pictures.publish(published)
     if shown is not None:
         shown.close()
-    if not quiet:
-        stdout.print(_told(again.comparison, count), markup=False, highlight=False, soft_wrap=True)
+    say(_told(again.comparison, count), quiet=quiet)
 
 
 def _drivers(recorded: Sequence[SourceInfo], configured: Sequence[AnySource]) -> list[AbstractDriver]:

@@ -15,7 +15,7 @@ from typer.main import get_command
 
 from softfuse.cli import app as application
 from softfuse.cli import main
-from softfuse.cli.terminal import tracked
+from softfuse.cli.progress import tracked
 from softfuse.errors import ConfigError
 
 PAD = Path(__file__).parents[2] / "configs" / "pad.toml"
