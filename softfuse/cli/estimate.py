@@ -11,11 +11,11 @@ from softfuse.cli.progress import busy, tracked
 from softfuse.cli.terminal import say
 from softfuse.estimation.stream import follow
 from softfuse.estimation.tracker import Tracker
+from softfuse.io.result_folder import writing
 from softfuse.report.recorded import Part, read_sensors, sensor_frames
 from softfuse.report.recording_report import (
     EstimateRows,
     all_errors,
-    make_folder,
     summary,
     words,
     write_report,
@@ -41,7 +41,8 @@ def estimate(
     """Estimate contacts, forces and shape in the frames of a recording."""
     settings = load(config)
     whole = read_sensors(settings, recording)
-    make_folder(out)
+    with writing(out):
+        out.mkdir(parents=True, exist_ok=True)
     with busy("meshing", quiet=quiet):
         robot = build_robot(settings)
         part = Part.of(whole, every)

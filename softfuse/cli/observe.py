@@ -8,8 +8,8 @@ import typer
 from softfuse.cli.options import Quiet, out_folder
 from softfuse.cli.progress import busy, steps
 from softfuse.cli.terminal import say
+from softfuse.io.result_folder import writing
 from softfuse.report.observability import expected
-from softfuse.report.recording_report import make_folder
 from softfuse.robot.file import load
 from softfuse.robot.robot import build_robot, require_sensors
 
@@ -30,7 +30,8 @@ def observe(
     settings = load(config)
     require_sensors(settings)
     settings.contact(contact)
-    make_folder(out)
+    with writing(out):
+        out.mkdir(parents=True, exist_ok=True)
     with busy("meshing", quiet=quiet):
         robot = build_robot(settings)
     with steps(quiet=quiet) as begin:
