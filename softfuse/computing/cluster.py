@@ -7,6 +7,7 @@ as the command, and without a dashboard; and an address that is given must be tr
 
 import asyncio
 import logging
+import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     from distributed import Client
 
 log = logging.getLogger(__name__)
+
+# As for the command itself, see `softfuse.cli`: a worker elsewhere imports this before it loads scipy.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 class Piece(Protocol):
