@@ -6,7 +6,9 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Quiet, stderr, stdout, tracked_calls
+from softfuse.cli.options import Quiet
+from softfuse.cli.progress import tracked_calls
+from softfuse.cli.terminal import stderr, stdout
 from softfuse.computing import prepare_jax
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.paper.bed import finger_bed

@@ -5,6 +5,7 @@ Exit codes: 0 done, 1 a fault of softfuse itself, 2 a mistake in what the user g
 
 import logging
 from collections.abc import Sequence
+from importlib.metadata import version
 from typing import Annotated, NoReturn
 
 import typer
@@ -24,9 +25,8 @@ from softfuse.cli.replay import replay
 from softfuse.cli.run import run
 from softfuse.cli.simulate import simulate
 from softfuse.cli.sweep import sweep
-from softfuse.cli.terminal import escape_log, printable, stderr, stdout
+from softfuse.cli.terminal import escape_log, say, stderr
 from softfuse.cli.testbed import testbed
-from softfuse.cli.version import installed_version
 from softfuse.cli.virtual_device import virtual_device
 from softfuse.computing import prepare_jax
 from softfuse.errors import SoftfuseError
@@ -69,14 +69,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _tell(told: str) -> NoReturn:
-    for line in told.split("\n"):
-        stderr.print(f"error: {printable(line)}", markup=False, highlight=False, soft_wrap=True)
+    say(*(f"error: {line}" for line in told.split("\n")), console=stderr)
     raise SystemExit(2) from None
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        stdout.print(f"softfuse {installed_version()}", highlight=False)
+        say(f"softfuse {version('softfuse')}")
         raise typer.Exit
 
 

@@ -1,12 +1,13 @@
 """softfuse calibrate: fit a robot to presses of known place and force, with what it is sure of."""
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Quiet, busy, counted, out_file, stdout
+from softfuse.cli.options import Quiet, out_file
+from softfuse.cli.progress import busy, steps
+from softfuse.cli.terminal import say
 from softfuse.report.calibrated import calibrated_robot, check_out
 from softfuse.report.calibration import tell
 from softfuse.report.recorded import read_sensors
@@ -34,13 +35,6 @@ def calibrate(
     read = [read_sensors(settings, path) for path in recordings]
     with busy("meshing", quiet=quiet):
         robot = build_robot(settings)
-    with ExitStack() as shown:
-
-        def seen(work: str):
-            shown.close()  # one display at a time
-            return shown.enter_context(counted(work, "done", quiet=quiet))
-
-        calibrated = calibrated_robot(robot, read, out, presses=presses, seen=seen)
-    if not quiet:
-        lines = [*tell(calibrated), f"written to {out}; report: {out.with_suffix('.html')}"]
-        stdout.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
+    with steps(quiet=quiet) as begin:
+        calibrated = calibrated_robot(robot, read, out, presses=presses, seen=begin)
+    say(*tell(calibrated), f"written to {out}; report: {out.with_suffix('.html')}", quiet=quiet)

@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Quiet, busy, stdout
+from softfuse.cli.options import Quiet
+from softfuse.cli.progress import busy
+from softfuse.cli.terminal import say
 from softfuse.hardware.record.convert import convert_estimates, convert_frames
 from softfuse.report.recorded import table_form
 from softfuse.robot.file import file_text, validated
@@ -37,6 +39,4 @@ def convert(
             count = convert_estimates(source, target, overwrite=force)
         else:
             count = convert_frames(source, target, form=table_form(told), overwrite=force)
-    if not quiet:
-        what = "estimates" if estimates else "frames"
-        stdout.print(f"{count} {what} written to {target}", markup=False, highlight=False, soft_wrap=True)
+    say(f"{count} {'estimates' if estimates else 'frames'} written to {target}", quiet=quiet)

@@ -6,17 +6,25 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.table import Table
+from rich.text import Text
 
-from softfuse.cli.doctor_computing import check_cache, check_devices, check_solvers, check_viewer
-from softfuse.cli.doctor_installed import check_installed
-from softfuse.cli.doctor_sources import check_ports, check_sources
-from softfuse.cli.finding import Finding, findings_table, well
+from softfuse.cli.options import Quiet
+from softfuse.cli.progress import busy
 from softfuse.cli.sources import sources_at
-from softfuse.cli.terminal import Quiet, busy, stdout
-from softfuse.errors import ConfigError
+from softfuse.cli.terminal import printable, stdout
+from softfuse.hardware.doctor.computing import check_cache, check_devices, check_solvers, check_viewer
+from softfuse.hardware.doctor.configured import check_config
+from softfuse.hardware.doctor.finding import Finding, State, well
+from softfuse.hardware.doctor.installed import check_installed
+from softfuse.hardware.doctor.sources import check_ports, check_sources
 from softfuse.hardware.source.serial_ports import serial_ports
-from softfuse.robot.file import load
-from softfuse.robot.settings import RobotSettings
+
+_SIGNS: dict[State, tuple[str, str]] = {
+    "ok": ("ok", "green"),
+    "note": ("note", "cyan"),
+    "problem": ("problem", "red"),
+}
 
 
 def doctor(
@@ -41,11 +49,10 @@ def doctor(
     with busy("looking", quiet=quiet or as_json):
         findings = [*check_installed(), *check_devices(), *check_solvers(), check_cache(), check_viewer()]
         findings += check_ports(serial_ports())
-        settings, told = _read(config)
-        findings += told
+        settings, told = (None, []) if config is None else check_config(config)
         sources = sources_at(port, baud) if port else () if settings is None else settings.sources
-        if sources:
-            findings += check_sources(sources, _wanted(settings), seconds)
+        wanted = () if settings is None else settings.channels
+        findings += [*told, *(check_sources(sources, wanted, seconds) if sources else ())]
     if as_json:
         report = {"well": well(findings), "findings": [finding.as_json() for finding in findings]}
         # Escapes all that is not ASCII, hence whatever could command a terminal.
@@ -56,23 +63,12 @@ def doctor(
         raise typer.Exit(2)
 
 
-def _read(config: Path | None) -> tuple[RobotSettings | None, list[Finding]]:
-    """The configuration, and what is wrong with it."""
-    if config is None:
-        return None, []
-    try:
-        settings = load(config)
-    except ConfigError as error:
-        lines = str(error).split("\n")
-        return None, [
-            Finding(str(config), "problem", line.removeprefix(f"{config}: "), "correct the file, or its name")
-            for line in lines
-        ]
-    if not settings.sensors:
-        return settings, [Finding(str(config), "note", "it has no [sensors]", "add them for live estimates")]
-    heard = "" if settings.sources else "; it has no [[source]], --port listens to a device"
-    return settings, [Finding(str(config), "ok", f"{settings.robot.name}{heard}")]
-
-
-def _wanted(config: RobotSettings | None) -> Sequence[str]:
-    return () if config is None else config.channels
+def findings_table(findings: Sequence[Finding]) -> Table:
+    """As people read them; nothing in it can command a terminal."""
+    table = Table.grid(padding=(0, 2))
+    for finding in findings:
+        word, colour = _SIGNS[finding.state]
+        said = f"{finding.said}: {finding.remedy}" if finding.remedy else finding.said
+        about, said = (printable(text).replace("\n", " ") for text in (finding.about, said))
+        table.add_row(Text(word, style=colour), Text(about), Text(said, overflow="fold"))
+    return table

@@ -6,14 +6,16 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Charts, Quiet, busy, out_folder, stdout, tracked
+from softfuse.cli.options import Charts, Quiet, out_folder
+from softfuse.cli.progress import busy, tracked
+from softfuse.cli.terminal import say
 from softfuse.estimation.stream import follow
 from softfuse.estimation.tracker import Tracker
+from softfuse.io.result_folder import writing
 from softfuse.report.recorded import Part, read_sensors, sensor_frames
 from softfuse.report.recording_report import (
     EstimateRows,
     all_errors,
-    make_folder,
     summary,
     words,
     write_report,
@@ -39,7 +41,8 @@ def estimate(
     """Estimate contacts, forces and shape in the frames of a recording."""
     settings = load(config)
     whole = read_sensors(settings, recording)
-    make_folder(out)
+    with writing(out):
+        out.mkdir(parents=True, exist_ok=True)
     with busy("meshing", quiet=quiet):
         robot = build_robot(settings)
         part = Part.of(whole, every)
@@ -60,6 +63,4 @@ def estimate(
     (out / "summary.json").write_text(json.dumps(numbers, indent=2) + "\n")
     with busy("writing the report", quiet=quiet):
         write_report(out / "report.html", study, smoothed, numbers)
-    if not quiet:
-        lines = [*words(numbers, all_errors(study, smoothed)), f"written to {out}"]
-        stdout.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
+    say(*words(numbers, all_errors(study, smoothed)), f"written to {out}", quiet=quiet)

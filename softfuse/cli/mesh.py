@@ -7,7 +7,9 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from softfuse.cli.terminal import Quiet, busy, out_file, stdout
+from softfuse.cli.options import Quiet, out_file
+from softfuse.cli.progress import busy
+from softfuse.cli.terminal import say, stdout
 from softfuse.functional.cavity import volume_within
 from softfuse.mesh.files import write_mesh
 from softfuse.mesh.quality import MeshQuality, Spread, mesh_quality
@@ -29,7 +31,7 @@ def mesh(
     if not quiet:
         names = [chamber.name for chamber in settings.chambers]
         stdout.print(quality_table(settings.robot.name, names, made))
-        stdout.print(f"written to {out}", markup=False, highlight=False, soft_wrap=True)
+        say(f"written to {out}")
 
 
 def quality_table(name: str, chambers: list[str], made: RobotMesh) -> Table:

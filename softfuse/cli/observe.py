@@ -1,14 +1,15 @@
 """softfuse observe: how well a robot would tell force and place of a contact, all over where it may be."""
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Quiet, busy, out_folder, stdout, tracked_calls
+from softfuse.cli.options import Quiet, out_folder
+from softfuse.cli.progress import busy, steps
+from softfuse.cli.terminal import say
+from softfuse.io.result_folder import writing
 from softfuse.report.observability import expected
-from softfuse.report.recording_report import make_folder
 from softfuse.robot.file import load
 from softfuse.robot.robot import build_robot, require_sensors
 
@@ -29,10 +30,11 @@ def observe(
     settings = load(config)
     require_sensors(settings)
     settings.contact(contact)
-    make_folder(out)
+    with writing(out):
+        out.mkdir(parents=True, exist_ok=True)
     with busy("meshing", quiet=quiet):
         robot = build_robot(settings)
-    with ExitStack() as stack:
+    with steps(quiet=quiet) as begin:
         found = expected(
             robot,
             contact,
@@ -40,10 +42,8 @@ def observe(
             side=side,
             place_sigma_m=1e-3 * place_sigma,
             held_s=held,
-            begin=lambda total: stack.enter_context(tracked_calls("pressing", total=total, quiet=quiet)),
+            begin=lambda total: begin("pressing", total),
         )
     found.write(out / "observability.csv")
     (out / "report.html").write_text(found.html(place_sigma), encoding="utf-8")
-    if not quiet:
-        lines = [*(f"{name}: {value}" for name, value in found.summary()), f"written to {out}"]
-        stdout.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
+    say(*(f"{name}: {value}" for name, value in found.summary()), f"written to {out}", quiet=quiet)

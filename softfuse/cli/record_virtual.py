@@ -7,12 +7,14 @@ import platformdirs
 import typer
 
 from softfuse.cli.interruption import termination_interrupts
-from softfuse.cli.terminal import Quiet, busy, out_file, stdout, tracked_calls
+from softfuse.cli.options import Quiet, out_file
+from softfuse.cli.progress import busy, tracked_calls
+from softfuse.cli.terminal import say
 from softfuse.experiment.equilibria import RobotSolver
 from softfuse.experiment.performance import performance, random_episodes
 from softfuse.experiment.recording_file import write_recording
 from softfuse.experiment.virtual_robot import MakingErrors, virtual_robot
-from softfuse.report.result_folder import put_in_place
+from softfuse.io.result_folder import put_in_place
 from softfuse.robot.file import load
 from softfuse.robot.robot import require_sensors
 
@@ -40,8 +42,5 @@ def record_virtual(
             played = performance(robot, episodes, folder=folder, solved=solved)
         with put_in_place(out) as part:
             write_recording(part, played.recording(body, seed))
-    if not quiet:
-        rows = len(played.frames.time_s)
-        lines = [f"{out} holds {rows} frames of {presses} presses"]
-        text = "\n".join([*lines, *(f"{what}: {how}" for what, how in robot.told.items())])
-        stdout.print(text, markup=False, highlight=False, soft_wrap=True)
+    written = f"{out} holds {len(played.frames.time_s)} frames of {presses} presses"
+    say(written, *(f"{what}: {how}" for what, how in robot.told.items()), quiet=quiet)

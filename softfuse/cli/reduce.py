@@ -3,12 +3,13 @@
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 
 from softfuse.body.body import Body
-from softfuse.cli.terminal import Quiet, busy, out_folder, stdout, tracked
-from softfuse.errors import SoftfuseError
+from softfuse.cli.options import Quiet, out_folder
+from softfuse.cli.progress import busy, tracked
+from softfuse.cli.terminal import say
+from softfuse.io.result_folder import writing
 from softfuse.robot.file import load
 from softfuse.robot.reduced import Teacher, build_regions, reduction_mark
 from softfuse.robot.robot import build_robot
@@ -34,18 +35,9 @@ def reduce(
             robot = build_robot(settings)
             assert isinstance(robot.model.body, Body)
             teacher = Teacher(robot, rest_stiffness(robot.model.body), regions)
-            places = np.array(list(settings.places.values())).reshape(-1, 3, 3)
         for number in tracked(missing, "reducing", total=len(missing), quiet=quiet):
             chart = teacher.chart(number)
-            small = reduced_model(robot.model, teacher.stiffness, chart, places)
-            try:
+            small = reduced_model(robot.model, teacher.stiffness, chart, [*settings.places.values()])
+            with writing(out):
                 folder.write(number, small, chart.basis)
-            except OSError as error:
-                raise SoftfuseError(f"cannot write to {out}: {error.strerror or error}") from error
-    if not quiet:
-        stdout.print(
-            f"{len(regions)} charts in {out}, {len(missing)} of them new",
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
-        )
+    say(f"{len(regions)} charts in {out}, {len(missing)} of them new", quiet=quiet)

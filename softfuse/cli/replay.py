@@ -1,26 +1,23 @@
 """softfuse replay: a recorded session through the same path again."""
 
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Charts, Quiet, busy, stdout, tracked
+from softfuse.cli.options import Charts, Quiet
+from softfuse.cli.progress import busy, tracked
+from softfuse.cli.terminal import say
 from softfuse.cli.view_options import Bind, SaveView, StreamPort, View, ViewPort, opened_view
 from softfuse.errors import RecordingError
 from softfuse.hardware.live.pipeline import Pipeline
-from softfuse.hardware.live.replay import Comparison, Replay
+from softfuse.hardware.live.replay import Replay
 from softfuse.hardware.live.rerun_view import LOOPBACK
-from softfuse.hardware.record.entries import SourceInfo
 from softfuse.hardware.record.session_reader import read_session
-from softfuse.hardware.source.configured import driver_of
-from softfuse.hardware.source.driver import AbstractDriver
-from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
+from softfuse.hardware.source.configured import drivers_again
 from softfuse.report.live import LiveEstimates, Pictures
 from softfuse.robot.file import load, parse
-from softfuse.robot.source import AnySource
 
 
 def replay(
@@ -52,7 +49,7 @@ def replay(
     missing = [] if recorded.info.sources else [c for c in live.channels if c not in recorded.info.channels]
     if missing:
         raise RecordingError(f"{session} lacks the channels {', '.join(missing)} of the configuration")
-    pipeline = Pipeline(live.channels, _drivers(recorded.info.sources, settings.sources))
+    pipeline = Pipeline(live.channels, drivers_again(recorded.info.sources, settings.sources))
     again = Replay(recorded, pipeline, live)
     shown = opened_view(live, view, save_view, bind, view_port, stream_port)
     pictures = None if shown is None else Pictures(shown, live)
@@ -64,28 +61,4 @@ def replay(
             pictures.publish(published)
     if shown is not None:
         shown.close()
-    if not quiet:
-        stdout.print(_told(again.comparison, count), markup=False, highlight=False, soft_wrap=True)
-
-
-def _drivers(recorded: Sequence[SourceInfo], configured: Sequence[AnySource]) -> list[AbstractDriver]:
-    """A driver for each recorded source; RecordingError where its settings are not known."""
-    drivers: list[AbstractDriver] = []
-    for k, source in enumerate(recorded):
-        if source.driver == "softfuse":
-            drivers.append(SoftfuseFrames())
-        elif k < len(configured) and configured[k].driver == source.driver:
-            drivers.append(driver_of(configured[k]))
-        else:
-            raise RecordingError(
-                f"source {k} of the session has the driver {source.driver!r}, which [[source]] number {k} of "
-                "the configuration does not have: give the configuration that it was recorded with"
-            )
-    return drivers
-
-
-def _told(comparison: Comparison, count: int) -> str:
-    if not comparison.recorded:
-        return f"{count} estimates; the session holds none to compare with"
-    told = f"{comparison.identical} of {comparison.recorded} estimates are the recorded ones to the last bit"
-    return told if comparison.first is None else f"{told}; the first other one is at frame {comparison.first}"
+    say(again.comparison.words(count), quiet=quiet)

@@ -10,8 +10,10 @@ from rich.live import Live
 
 from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.live_display import LiveDisplay
+from softfuse.cli.options import Charts, Quiet, out_file
+from softfuse.cli.progress import busy
 from softfuse.cli.sources import session_info, sources_of
-from softfuse.cli.terminal import Charts, Quiet, busy, out_file, stderr, stdout
+from softfuse.cli.terminal import say, stderr
 from softfuse.cli.view_options import Bind, SaveView, StreamPort, View, ViewPort, opened_view
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
@@ -80,11 +82,9 @@ def run(
         session.stop()
         if shown is not None:
             shown.close()
-    if not quiet:
-        lost = session.report.recorder_lost
-        kept = [] if record is None else [f"recorded to {record}, {lost} entries lost"]
-        lines = [*told(session.report), *kept]
-        stdout.print("\n".join(lines), markup=False, highlight=False, soft_wrap=True)
+    lost = session.report.recorder_lost
+    kept = [] if record is None else [f"recorded to {record}, {lost} entries lost"]
+    say(*told(session.report), *kept, quiet=quiet)
 
 
 def _follow(session: Session, display: LiveDisplay, seconds: float | None, *, quiet: bool) -> None:

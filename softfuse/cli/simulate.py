@@ -9,11 +9,13 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import Quiet, busy, out_file, stdout
+from softfuse.cli.options import Quiet, out_file
+from softfuse.cli.progress import busy
+from softfuse.cli.terminal import say
 from softfuse.errors import SoftfuseError, SolveError
+from softfuse.io.result_folder import writing
 from softfuse.mechanics.solution import read_state
 from softfuse.mesh.files import write_mesh
-from softfuse.report.result_folder import writing
 from softfuse.robot.file import load
 from softfuse.robot.robot import build_robot
 from softfuse.robot.trial import Press, Trial, told
@@ -74,8 +76,7 @@ def simulate(
         raise SolveError(trial.failure(solution) + (f" ({', '.join(kept)})" if kept else ""))
     if solution.snapped:
         log.warning("%s", solution.words)
-    if not quiet:
-        stdout.print(told(numbers), markup=False, highlight=False, soft_wrap=True)
+    say(told(numbers), quiet=quiet)
 
 
 def presses(contacts: list[str], places: list[str], forces: list[float]) -> list[Press]:

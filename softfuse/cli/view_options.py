@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.terminal import out_file, stdout
+from softfuse.cli.options import out_file
+from softfuse.cli.terminal import say
 from softfuse.hardware.live.rerun_view import RerunView
 from softfuse.report.live import LiveEstimates
 
@@ -28,5 +29,5 @@ def opened_view(
         live.scene, save=save, serve=view, bind=bind, page_port=page_port, stream_port=stream_port
     )
     if shown.server is not None:
-        stdout.print(f"live view: {shown.server.page}", markup=False, highlight=False, soft_wrap=True)
+        say(f"live view: {shown.server.page}")
     return shown

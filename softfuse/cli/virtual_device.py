@@ -10,7 +10,9 @@ import platformdirs
 import typer
 
 from softfuse.cli.interruption import termination_interrupts
-from softfuse.cli.terminal import Quiet, busy, out_file, stdout
+from softfuse.cli.options import Quiet, out_file
+from softfuse.cli.progress import busy
+from softfuse.cli.terminal import say
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.performance import shown
 from softfuse.hardware.stream import HostClock
@@ -76,8 +78,7 @@ def virtual_device(
             with termination_interrupts():
                 device.run(for_s)
         finally:
-            for port in () if quiet else ports:
-                stdout.print(said_of(port), markup=False, highlight=False, soft_wrap=True)
+            say(*map(said_of, ports), quiet=quiet)
 
 
 def _rate(text: str) -> float:
@@ -94,5 +95,4 @@ def _tell_ports(ports: Sequence[VirtualPort]) -> None:
     """Always told, since nobody could find them otherwise."""
     for port in ports:
         description = port.board.description
-        text = f"{description.name}, {len(description.channels)} channels: {' '.join(port.urls)}"
-        stdout.print(text, markup=False, highlight=False, soft_wrap=True)
+        say(f"{description.name}, {len(description.channels)} channels: {' '.join(port.urls)}")

@@ -8,8 +8,6 @@ cannot be written is done without.
 import hashlib
 import importlib.metadata
 import logging
-import os
-import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping, Sequence
@@ -18,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from softfuse.estimation.side_by_side import shared_out
+from softfuse.io.result_folder import put_in_place
 
 log = logging.getLogger(__name__)
 
@@ -81,9 +80,7 @@ def _write(path: Path, arrays: Arrays) -> None:
     """Under another name first: another process must not find half a file."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
-            part = Path(file.name)
-            np.savez(file, **dict(arrays), allow_pickle=False)
-        os.replace(part, path)
+        with put_in_place(path) as part, part.open("wb") as stream:
+            np.savez(stream, **dict(arrays), allow_pickle=False)
     except OSError as error:
         log.warning("%s cannot be kept: %s", path, error.strerror or error)

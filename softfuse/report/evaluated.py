@@ -14,10 +14,12 @@ from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.paper.bed import Bed
 from softfuse.experiment.pose_cache import Arrays, kept
 from softfuse.experiment.recording_file import write_recording
+from softfuse.io.result_folder import put_in_place, writing
+from softfuse.report.calibrated import Seen, calibrated_robot
 from softfuse.report.evaluation import Evaluator
+from softfuse.report.page import table
 from softfuse.report.recorded import Part, read_sensors, sensor_frames
 from softfuse.report.recording_report import EstimateRows
-from softfuse.report.result_folder import put_in_place, writing
 from softfuse.report.study import Study
 from softfuse.robot.robot import build_robot
 from softfuse.robot.settings import RobotSettings
@@ -90,3 +92,24 @@ def estimates(
         return compute
 
     return kept(folder, files, evaluator.names, start)
+
+
+def fitted(settings: RobotSettings, recordings: Sequence[Path], folder: Path, *, seen: Seen) -> Path:
+    """The configuration fitted to all samples of some recordings, fitted.toml, with the files beside it; not
+    fitted again where these are there.
+    """
+    path = folder / "fitted.toml"
+    if not all(path.with_suffix(suffix).exists() for suffix in (".toml", ".npz", ".html")):
+        read = [read_sensors(settings, recording) for recording in recordings]
+        calibrated_robot(build_robot(settings), read, path, seen=seen)
+    return path
+
+
+def sections(bed: Bed) -> list[tuple[str, str]]:
+    """Headings and HTML of what the test bed is."""
+    rows = [*bed.robot.told.items(), ("estimates", f"of each {EVERY}th frame, and of each sample")]
+    found = [("The test bed", table(("", ""), rows))]
+    if bed.fitted_to:
+        told = f"<p>Fitted to {bed.fitted_to} presses that are not among these: "
+        found.append(("Calibration", f'{told}<a href="fitted.html">report</a>.</p>'))
+    return found

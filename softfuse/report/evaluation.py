@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.experiment.pose_cache import Arrays
+from softfuse.io.result_folder import writing
 from softfuse.report.comparison import UNKNOWN, Comparison
 from softfuse.report.page import page, picture
-from softfuse.report.result_folder import writing
 from softfuse.report.study import Study
 from softfuse.robot.robot import Robot
 

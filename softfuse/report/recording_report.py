@@ -8,7 +8,6 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from softfuse.errors import SoftfuseError
 from softfuse.estimation.tracked import Tracked
 from softfuse.mesh.files import write_mesh
 from softfuse.report import figures
@@ -20,14 +19,6 @@ from softfuse.report.study import ErrorTable, Study, known_number
 from softfuse.sensors.status import Status
 
 _TIME, _LATENCY = Column("time_s", 4), Column("latency_ms", 2)
-
-
-def make_folder(folder: Path) -> None:
-    """Make a folder for results; raises SoftfuseError when that is impossible."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SoftfuseError(f"cannot make the folder {folder}: {error.strerror or error}") from error
 
 
 class EstimateRows:

@@ -1,6 +1,6 @@
 """The same model with a reduced body."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,18 +23,19 @@ from softfuse.rom.rest_stiffness import RestStiffness
 
 
 def reduced_model(
-    model: Model, stiffness: RestStiffness, chart: Chart, places: Float[np.ndarray, "e 3 3"]
+    model: Model, stiffness: RestStiffness, chart: Chart, places: Iterable[Float[np.ndarray, "3 3"]]
 ) -> Model:
     """The model with the body of a chart that was taught by its own, which has that stiffness at rest.
 
-    Chambers become polynomials, actuators and what presses become rows of the modes, patches at `places` (e,
-    3, 3) only; other functionals stay, so that the chart must watch their nodes. Raises SolveError when the
+    Chambers become polynomials, actuators and what presses become rows of the modes, patches at e places
+    (3, 3) only; other functionals stay, so that the chart must watch their nodes. Raises SolveError when the
     body is a reduced one already, an actuator cannot be projected, or the stiffness is singular.
     """
     full = model.body
     if not isinstance(full, Body):
         raise SolveError("the device's body is a reduced one already: reduce the full device")
     body = project(full, stiffness, chart)
+    pressed = np.reshape([*places], (-1, 3, 3))
     readings: list[AbstractReading] = []
     for cavities, reading in volume_readings(model.readings):
         projected = ShapeReading(projected_volumes(cavities, body, chart.reach)) if cavities else reading
@@ -42,7 +43,7 @@ def reduced_model(
     contacts: list[AbstractContact] = []
     for contact in model.contacts:
         if isinstance(contact, PatchContact):
-            contact = projected_patches(contact, full, chart.basis, places)
+            contact = projected_patches(contact, full, chart.basis, pressed)
         elif isinstance(contact, PunchContact):
             contact = projected_discs(contact, body)
         contacts.append(contact)

@@ -1,7 +1,5 @@
 """A reduced device in a file: one npz without pickled objects, with the mark of what it was made from."""
 
-import os
-import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
@@ -15,6 +13,7 @@ from jaxtyping import Float
 
 from softfuse.body.body import Body
 from softfuse.errors import SoftfuseError
+from softfuse.io.result_folder import put_in_place
 from softfuse.mechanics.load import AbstractContact, AbstractLoad
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.patch import PatchContact
@@ -85,11 +84,8 @@ def write_device(path: Path, device: Model, basis: Basis, mark: str) -> None:
     for name, part in _projected_parts(device):
         arrays |= {f"{name}.{each.name}": np.asarray(getattr(part, each.name)) for each in fields(part)}
     path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=path.parent) as aside:
-        part = Path(aside) / path.name
-        with part.open("wb") as stream:
-            np.savez(stream, **arrays, allow_pickle=False)
-        os.replace(part, path)
+    with put_in_place(path) as part, part.open("wb") as stream:
+        np.savez(stream, **arrays, allow_pickle=False)
 
 
 def kept_sizes(path: Path, mark: str) -> Sizes:

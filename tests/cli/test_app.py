@@ -1,5 +1,6 @@
 """Errors in a line, exit codes, precision."""
 
+import io
 import os
 import re
 import subprocess
@@ -9,13 +10,14 @@ from pathlib import Path
 
 import pytest
 import typer
+from rich.console import Console
 from rich.text import Text
 from typer.core import TyperGroup
 from typer.main import get_command
 
 from softfuse.cli import app as application
-from softfuse.cli import main
-from softfuse.cli.terminal import tracked
+from softfuse.cli import main, progress
+from softfuse.cli.progress import steps, tracked
 from softfuse.errors import ConfigError
 
 PAD = Path(__file__).parents[2] / "configs" / "pad.toml"
@@ -91,7 +93,20 @@ def test_progress_yields_everything_and_says_nothing_without_a_terminal(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert list(tracked(range(3), "counting", total=3, quiet=False)) == [0, 1, 2]
+    with steps(quiet=False) as begin:
+        for done in (begin("meshing"), begin("pressing", 2), begin("writing")):
+            done()
     assert capsys.readouterr() == ("", "")
+
+
+def test_one_step_is_shown_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    console = Console(file=io.StringIO(), force_terminal=True, width=80)
+    monkeypatch.setattr(progress, "stderr", console)
+    with steps(quiet=False) as begin:
+        begin("meshing")()
+        begin("pressing", 2)()
+    said = console.file.getvalue()
+    assert 0 < said.rindex("meshing") < said.index("pressing")
 
 
 def run_python(code: str, **environment: str) -> str:

@@ -8,9 +8,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from softfuse.cli.design_report import across_meshes
 from softfuse.design.problem import Value
 from softfuse.design.search import Trial
+from softfuse.report.design_page import across_meshes
 from softfuse.robot.file import load
 from softfuse.robot.mesh import build_mesh
 

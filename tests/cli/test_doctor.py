@@ -13,10 +13,11 @@ import jax
 import numpy as np
 import pytest
 
-from softfuse.cli import doctor_computing, doctor_installed, doctor_sources
-from softfuse.cli.doctor_computing import check_cache, check_devices, check_solvers
-from softfuse.cli.doctor_installed import check_requirements
-from softfuse.cli.finding import Finding, findings_table
+from softfuse.cli.doctor import findings_table
+from softfuse.hardware.doctor import computing, installed, sources
+from softfuse.hardware.doctor.computing import check_cache, check_devices, check_solvers
+from softfuse.hardware.doctor.finding import Finding
+from softfuse.hardware.doctor.installed import check_requirements
 from softfuse.hardware.source.listening import Heard
 from softfuse.hardware.source.serial_ports import SerialPort
 from softfuse.hardware.wire.channel import Channel, RawType
@@ -160,14 +161,14 @@ def test_a_viewer_that_is_broken_is_a_problem_and_none_is_not(monkeypatch: pytes
         return load
 
     for error, state in ((ModuleNotFoundError("rerun"), "note"), (ImportError("no libGL"), "problem")):
-        monkeypatch.setattr(doctor_computing.importlib, "import_module", fail(error))
-        assert doctor_computing.check_viewer().state == state
-    monkeypatch.setattr(doctor_installed.importlib.metadata, "distribution", _absent)
-    assert doctor_installed.check_installed()[-1].state == "problem"
+        monkeypatch.setattr(computing.importlib, "import_module", fail(error))
+        assert computing.check_viewer().state == state
+    monkeypatch.setattr(installed.importlib.metadata, "distribution", _absent)
+    assert installed.check_installed()[-1].state == "problem"
 
 
 def _absent(name: str):
-    raise doctor_installed.importlib.metadata.PackageNotFoundError(name)
+    raise installed.importlib.metadata.PackageNotFoundError(name)
 
 
 def test_the_board_of_a_configuration_is_listened_to(
@@ -197,7 +198,7 @@ def test_what_a_port_lacks_and_loses_is_told_with_a_remedy(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("softfuse.cli.doctor_sources.START_S", 1.0)
+    monkeypatch.setattr("softfuse.hardware.doctor.sources.START_S", 1.0)
     config = tmp_path / "pad.toml"
     config.write_text(PAD)
     lossy = board_of(CHANNELS[:-1], leave_out=7)
@@ -220,7 +221,7 @@ def test_what_a_port_lacks_and_loses_is_told_with_a_remedy(
 def test_a_silent_port_and_a_wrong_configuration_are_told(
     code_of, sound, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("softfuse.cli.doctor_sources.START_S", 0.3)
+    monkeypatch.setattr("softfuse.hardware.doctor.sources.START_S", 0.3)
     port = SerialPort("/dev/ttyX", f"thing {EVIL}", False)
     monkeypatch.setattr("softfuse.cli.doctor.serial_ports", lambda: [port])
     config = tmp_path / "pad.toml"
@@ -256,7 +257,7 @@ def test_a_port_that_can_be_none_is_told_in_a_line(
 def test_the_lateness_of_samples_is_blamed_on_who_causes_it(stall: float, told: str) -> None:
     source = SoftfuseSource(driver="softfuse", url="/dev/ttyX", baud=115200)
     late = Heard(0, ("a_V",), (), 100, 100.0, None, (3e5, 3.5e5), 0.2)
-    (note,) = doctor_sources._problems(source, late, stall)
+    (note,) = sources._problems(source, late, stall)
     assert note.state == "note" and told in note.remedy
 
 

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +22,17 @@ import pyarrow.dataset as ds
 import pytest
 from distributed import Client, LocalCluster
 
-from softfuse.cli import sweep_worker
-from softfuse.cli.sweep_worker import Chunk, Pressed, solve_chunk
-from softfuse.cli.version import installed_version
+from softfuse.computing.cluster import prepared
 from softfuse.errors import SoftfuseError
+from softfuse.experiment import sweep_chunk
+from softfuse.experiment.sweep_chunk import Chunk, Pressed, chunks_of, solve_chunk
 from softfuse.functional.chart import facing
 from softfuse.mechanics.cable import ShortenedCable
 from softfuse.mechanics.model import simulate
 from softfuse.robot.digest import digest
 from softfuse.robot.file import load, save_edited
 from softfuse.robot.press_plan import load_plan
-from softfuse.robot.press_series import build_series, swept_model
+from softfuse.robot.press_series import swept_model
 from softfuse.robot.robot import build_robot
 
 PLACES = '[places]\ntype = "list"\nat = [["-17 mm", "-15 mm"], ["12 mm", "14 mm"]]\n'
@@ -138,7 +139,7 @@ def test_rows_are_those_of_single_simulations_and_none_is_computed_twice(
     assert ", 0 of them new: 12 converged" in capsys.readouterr().out
 
     about = json.loads((out / "sweep.json").read_text())
-    assert about["softfuse"] == installed_version() and about["config"] == digest(soft)
+    assert about["softfuse"] == version("softfuse") and about["config"] == digest(soft)
     assert about["columns"]["dV0_mm3"] == 'volume change of "(-,-)"'
     assert list(about["columns"]) == list(rows[0])
 
@@ -249,9 +250,8 @@ def test_a_finger_is_pressed_while_its_cable_is_shortened(
         '[places]\ntype = "electrodes"\nnames = ["tip left"]\n[forces]\nvalues = ["0 N", "0.2 N"]\n'
         '[[cable]]\nname = "palm"\nshortening = { values = ["5 mm"] }\n'
     )
-    series = build_series(load_plan(plan(text)), config)
-    pressed = Pressed(path.read_text(), str(path), digest(config), 1, (True,), installed_version())
-    alone, both = solve_chunk(Chunk(0, pressed, tuple(series)))
+    (chunk,) = chunks_of(path.read_text(), config, load_plan(plan(text)))
+    alone, both = solve_chunk(chunk)
     columns = [
         *("case", "modulus_factor", "cable0_mm", "contacts", "contact0_electrode", "contact0_force_N"),
         *("force_N", "cable0_N", *(f"dV{k}_mm3" for k in range(6)), *(f"pressure{k}_Pa" for k in range(6))),
@@ -272,18 +272,18 @@ def test_a_finger_is_pressed_while_its_cable_is_shortened(
 
 
 def test_a_worker_of_another_kind_is_refused(pad: Path) -> None:
-    there = Pressed(pad.read_text(), str(pad), digest(load(pad)), 1, (), installed_version())
+    there = Pressed(pad.read_text(), str(pad), digest(load(pad)), 1, ())
     with pytest.raises(SoftfuseError, match="a worker has softfuse .*, here it is 9.9: install the same"):
-        solve_chunk(Chunk(0, type(there)(**{**vars(there), "version": "9.9"}), ()))
+        prepared("9.9", solve_chunk, Chunk(0, there, ()))
     with pytest.raises(SoftfuseError, match="a worker finds other files than here"):
-        solve_chunk(Chunk(0, type(there)(**{**vars(there), "digest": "0"}), ()))
+        solve_chunk(Chunk(0, replace(there, digest="0"), ()))
 
 
 def test_a_device_is_built_once(pad: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     built = []
-    monkeypatch.setattr(sweep_worker, "build_robot", lambda config: built.append(1) or build_robot(config))
+    monkeypatch.setattr(sweep_chunk, "build_robot", lambda config: built.append(1) or build_robot(config))
     text = pad.read_text() + "\n# not built before\n"
-    there = Pressed(text, str(pad), digest(load(pad)), 1, (), installed_version())
+    there = Pressed(text, str(pad), digest(load(pad)), 1, ())
     assert [solve_chunk(Chunk(number, there, ())) for number in range(3)] == [[], [], []]
     assert len(built) == 1
 
@@ -332,7 +332,7 @@ def test_a_mistake_is_one_line(
     options: tuple[str, ...],
     told: str,
 ) -> None:
-    monkeypatch.setattr("softfuse.cli.cluster._ANSWER_S", 2)
+    monkeypatch.setattr("softfuse.computing.cluster._ANSWER_S", 2)
     assert code_of("sweep", pad, plan(PLAN), "--out", tmp_path / "out", *options) == 2
     err = capsys.readouterr().err
     assert told in err and err.count("\n") == 1

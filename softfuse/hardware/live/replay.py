@@ -33,6 +33,13 @@ class Comparison:
     identical: int
     first: int | None
 
+    def words(self, estimates: int) -> str:
+        """In words, for so many estimates made again."""
+        if not self.recorded:
+            return f"{estimates} estimates; the session holds none to compare with"
+        same = f"{self.identical} of {self.recorded} estimates are the recorded ones to the last bit"
+        return same if self.first is None else f"{same}; the first other one is at frame {self.first}"
+
 
 class Replay:
     """Replays one session; made for one run."""

@@ -4,8 +4,6 @@ A session is a .mcap file, a recording .csv or .csv.gz. What is converted are th
 bit, missing stays missing) or the estimates of a session. A file appears under its name when it is whole.
 """
 
-import os
-import tempfile
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -17,6 +15,7 @@ from softfuse.hardware.record.parquet import read_parquet, write_parquet, write_
 from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.record.session_writer import SessionWriter
 from softfuse.hardware.table.form import FOUND, TableForm
+from softfuse.io.result_folder import put_in_place
 
 SUFFIXES = (".mcap", ".csv", ".csv.gz", ".parquet")
 SESSION = ".mcap"
@@ -111,10 +110,7 @@ def _create(target: Path, write: Callable[[Path], int], *, overwrite: bool) -> i
     if target.exists() and not overwrite:
         raise RecordingError(f"{target} exists: give another name, or --force to overwrite it")
     try:
-        with tempfile.TemporaryDirectory(dir=target.parent, prefix=".softfuse-") as folder:
-            part = Path(folder) / target.name
-            count = write(part)
-            os.replace(part, target)
+        with put_in_place(target) as part:
+            return write(part)
     except OSError as error:
         raise RecordingError(f"cannot write {target}: {error.strerror or error}") from error
-    return count

@@ -1,7 +1,9 @@
 """The drivers and connections that a robot's sources stand for."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+from softfuse.errors import RecordingError
+from softfuse.hardware.record.entries import SourceInfo
 from softfuse.hardware.source.ati_net_ft import PORT, AtiNetFt
 from softfuse.hardware.source.bota_serial import BotaSerial
 from softfuse.hardware.source.connection import Connection
@@ -79,3 +81,19 @@ def connection_of(
         greeting=driver.greeting(),
         farewell=driver.farewell(),
     )
+
+
+def drivers_again(recorded: Sequence[SourceInfo], configured: Sequence[AnySource]) -> list[AbstractDriver]:
+    """A driver for each recorded source; RecordingError where its settings are not known."""
+    drivers: list[AbstractDriver] = []
+    for k, source in enumerate(recorded):
+        if source.driver == "softfuse":
+            drivers.append(SoftfuseFrames())
+        elif k < len(configured) and configured[k].driver == source.driver:
+            drivers.append(driver_of(configured[k]))
+        else:
+            raise RecordingError(
+                f"source {k} of the session has the driver {source.driver!r}, which [[source]] number {k} of "
+                "the configuration does not have: give the configuration that it was recorded with"
+            )
+    return drivers

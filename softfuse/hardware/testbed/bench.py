@@ -48,6 +48,11 @@ class Pressed:
     at: Point
     samples: tuple[tuple[float, float], ...]
 
+    def __str__(self) -> str:
+        x, y = self.at
+        samples = ", ".join(f"{force:.2f} N {1e3 * depth:.2f} mm deep" for force, depth in self.samples)
+        return f"press {self.press} at ({1e3 * x:.2f}, {1e3 * y:.2f}) mm: {samples}"
+
 
 def workspace_of(settings: PressSettings, places: Sequence[Point], origin: Origin) -> Workspace:
     """Where the stage [m] may go for these presses, and how fast."""

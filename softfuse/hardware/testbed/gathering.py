@@ -35,10 +35,16 @@ _KEPT = 20_000
 
 @dataclass(frozen=True)
 class ForceAxis:
-    """The channel of the force along the indenter, and the sign that makes pressing positive."""
+    """The channel of the force along the indenter, and the sign, 1 or -1, that makes pressing positive."""
 
     channel: str
     sign: float
+
+    def __post_init__(self) -> None:
+        if self.sign not in (-1, 1):
+            raise HardwareError(
+                f"the force sign {self.sign:g}: give 1, or -1 where pressing makes the force fall"
+            )
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,16 @@ Source: Navarro et al. 2020, Sec. V-A.1 (a grid of places, force levels of 5, 10
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from typing import Self
 
 from softfuse.errors import HardwareError
 
 SHARE = 0.7
+HEADROOM = 1.3
+"""A force limit over the highest level, where none is given."""
 WRONG_WAY = 0.3
 """A force below −WRONG_WAY times the first level says that its sign is wrong."""
 
@@ -46,6 +50,30 @@ class PressSettings:
     tare: float = 0.5
     hold: float = 1.0
     rest: float = 1.5
+
+    @classmethod
+    def of(
+        cls,
+        levels: Sequence[float],
+        force_limit: float | None,
+        *,
+        clearance: float,
+        longest_step: float,
+        **others: float,
+    ) -> Self:
+        """With the usual levels where none are given and a force limit of `HEADROOM` times the highest one
+        where there is none; approach and finest step are the usual ones, or shorter.
+        """
+        chosen = tuple(levels) or cls.levels
+        return cls(
+            levels=chosen,
+            force_limit=HEADROOM * max(chosen) if force_limit is None else force_limit,
+            clearance=clearance,
+            approach=min(cls.approach, clearance),
+            longest_step=longest_step,
+            finest_step=min(cls.finest_step, longest_step),
+            **others,
+        )
 
     def __post_init__(self) -> None:
         if not self.levels or any(

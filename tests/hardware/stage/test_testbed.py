@@ -253,8 +253,8 @@ def test_a_termination_lifts_the_stage_first(run, bed, controller, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("--origin", "nan", 0, 0), "--origin nan 0 0"),
-        (("--force-sign", 3), "--force-sign 3"),
+        (("--origin", "nan", 0, 0), "the origin nan 0 0 mm"),
+        (("--force-sign", 3), "the force sign 3"),
         (("--force", "nan"), "the force levels nan N"),
         (("--out", "s.csv"), "give each file once"),
         (("--step", 0), "the longest step"),

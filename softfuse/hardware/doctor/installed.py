@@ -1,4 +1,4 @@
-"""What softfuse doctor says of what is installed."""
+"""What is found out about what is installed."""
 
 import importlib.metadata
 import platform
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from packaging.requirements import Requirement
 
-from softfuse.cli.finding import Finding
+from softfuse.hardware.doctor.finding import Finding
 
 EXTRAS = {
     "viz": "the live view",

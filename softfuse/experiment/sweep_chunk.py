@@ -1,10 +1,9 @@
-"""What a worker of a sweep does: it builds the device once, and solves one chunk of cases after the other.
+"""A sweep in chunks, each of which is solved by a worker, which builds the device once.
 
 Client and worker exchange plain data only: the config as text, numbers, names.
 """
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -12,15 +11,21 @@ from threading import Lock
 
 import jax.numpy as jnp
 
-from softfuse.cli.sweep_table import SweepTable, Value
-from softfuse.cli.version import require_version
-from softfuse.computing import prepare_jax
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.sweep import outcomes
+from softfuse.experiment.sweep_table import SweepTable, Value
 from softfuse.mechanics.model import Model
 from softfuse.robot.digest import digest
 from softfuse.robot.file import RobotSettings, parse
-from softfuse.robot.press_series import Series, places_of, swept_model, with_moduli
+from softfuse.robot.press_plan import SweepPlan
+from softfuse.robot.press_series import (
+    Series,
+    build_series,
+    places_of,
+    shortened_cables,
+    swept_model,
+    with_moduli,
+)
 from softfuse.robot.robot import build_robot
 
 
@@ -29,7 +34,7 @@ class Pressed:
     """Which device is pressed, the same in all chunks of a sweep.
 
     text, path, digest: of its config, the path absolute; contacts: the most at once; shortened: of each
-    cable, whether it is shortened or pulled; version: of softfuse.
+    cable, whether it is shortened or pulled.
     """
 
     text: str
@@ -37,7 +42,10 @@ class Pressed:
     digest: str
     contacts: int
     shortened: tuple[bool, ...]
-    version: str
+
+    def table(self, config: RobotSettings) -> SweepTable:
+        """What is told of each case."""
+        return SweepTable(config, self.contacts, self.shortened)
 
 
 @dataclass(frozen=True)
@@ -59,14 +67,20 @@ class Chunk:
         return f"case {self.series[0].number}"
 
 
-def chunks_of(pressed: Pressed, series: Sequence[Series], cases: int) -> list[Chunk]:
-    """Series in their order, put together until there are so many cases or more."""
+def chunks_of(text: str, config: RobotSettings, plan: SweepPlan) -> list[Chunk]:
+    """The series of a plan in their order, put together until there are `cases_per_file` cases or more; text:
+    of the config.
+
+    Raises ConfigError when the plan does not suit the device.
+    """
+    path, shortened = str(config.path.resolve()), shortened_cables(plan, config)
+    pressed = Pressed(text, path, digest(config), plan.contacts[-1], shortened)
     groups: list[list[Series]] = []
     room = 0
-    for each in series:
+    for each in build_series(plan, config):
         if room <= 0:
             groups.append([])
-            room = cases
+            room = plan.cases_per_file
         groups[-1].append(each)
         room -= len(each.forces)
     return [Chunk(number, pressed, tuple(group)) for number, group in enumerate(groups)]
@@ -75,13 +89,11 @@ def chunks_of(pressed: Pressed, series: Sequence[Series], cases: int) -> list[Ch
 def solve_chunk(chunk: Chunk) -> list[list[Value]]:
     """The rows of a chunk, in the columns of its `SweepTable`.
 
-    Raises SoftfuseError when this worker has another softfuse or other files than the client, or the device
-    cannot be built.
+    Raises SoftfuseError when this worker has other files than the client, or the device cannot be built.
     """
-    prepare_jax()
     with _building:
         config, device = _device(chunk.pressed)
-    table = SweepTable(config, chunk.pressed.contacts, chunk.pressed.shortened)
+    table = chunk.pressed.table(config)
     rows = []
     for series in chunk.series:
         pressed = with_moduli(device, config, series.modulus_factor)
@@ -99,7 +111,6 @@ _building = Lock()
 
 @lru_cache(maxsize=1)
 def _device(pressed: Pressed) -> tuple[RobotSettings, Model]:
-    require_version(pressed.version)
     config = parse(pressed.text, Path(pressed.path))
     if digest(config) != pressed.digest:
         raise SoftfuseError(f"{pressed.path}: a worker finds other files than here: share the folder")

@@ -7,6 +7,7 @@ import os
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,24 +22,25 @@ def claim(
     *,
     about: Mapping[str, Any] | None = None,
     parts: str,
-) -> None:
-    """Make the folder of `what`, such as "a sweep", or find the same in it.
+) -> dict[str, str]:
+    """Make the folder of `what`, such as "a sweep", or find the same in it: its identity with the version.
 
-    mark: name of the file that tells whose it is; identity: what must be the same, `softfuse` is the version;
-    about: what the file says besides; parts: pattern of the results' files. Raises SoftfuseError when there
-    are results of something else in it, or it cannot be written.
+    mark: name of the file that tells whose it is; identity: what must be the same besides the version of
+    softfuse; about: what the file says besides; parts: pattern of the results' files. Raises SoftfuseError
+    when there are results of something else in it, or it cannot be written.
     """
-    file = folder / mark
+    file, whole = folder / mark, {"softfuse": version("softfuse"), **identity}
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         if file.exists():
-            _check(file, what, identity)
+            _check(file, what, whole)
         elif any(folder.glob(parts)):
             raise SoftfuseError(f"{folder} holds parts of {what} without {mark}: give another folder")
         else:
-            text = json.dumps({**identity, **(about or {})}, indent=2, ensure_ascii=False)
+            text = json.dumps({**whole, **(about or {})}, indent=2, ensure_ascii=False)
             with put_in_place(file) as part:
                 part.write_text(text + "\n", encoding="utf-8")
+    return whole
 
 
 def _check(file: Path, what: str, identity: Mapping[str, str]) -> None:

@@ -1,12 +1,12 @@
-"""What softfuse doctor says of ports: which there are, which answer, as what, how fast and how faultless."""
+"""What is found out about ports: which there are, which answer, as what, how fast and how faultless."""
 
 import math
 import threading
 import time
 from collections.abc import Callable, Sequence
 
-from softfuse.cli.finding import Finding
 from softfuse.errors import HardwareError
+from softfuse.hardware.doctor.finding import Finding
 from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.hardware.source.connection import SILENCE
 from softfuse.hardware.source.listening import Heard, Listener
@@ -129,37 +129,20 @@ def _failed(source: AnySource, failure: str) -> Finding:
 def _heard(source: AnySource, listener: Listener, stall: float) -> list[Finding]:
     url = source.url
     if not listener.bytes:
-        return [
-            Finding(
-                url,
-                "problem",
-                f"nothing has come for {START_S:g} s",
-                "is the device on, its cable in, and nobody else listening?",
-            )
-        ]
+        nothing = f"nothing has come for {START_S:g} s"
+        remedy = "is the device on, its cable in, and nobody else listening?"
+        return [Finding(url, "problem", nothing, remedy)]
     faults = ", ".join(f"{number} {what}" for what, number in listener.faults.items())
     if not listener.heard:
-        return [
-            Finding(
-                url,
-                "problem",
-                f"{listener.bytes} bytes and no sample of the driver {source.driver!r}"
-                + (f" ({faults})" if faults else ""),
-                "check the driver, the baud rate and the columns: something else speaks there",
-            )
-        ]
+        told = f"{listener.bytes} bytes and no sample of the driver {source.driver!r}"
+        remedy = "check the driver, the baud rate and the columns: something else speaks there"
+        return [Finding(url, "problem", told + (f" ({faults})" if faults else ""), remedy)]
     findings = [_device(source, heard) for heard in listener.heard]
     findings += [problem for heard in listener.heard for problem in _problems(source, heard, stall)]
     if faults:
-        findings.append(
-            Finding(
-                url,
-                "problem",
-                f"the line is not clean: {faults}",
-                "use a shorter cable or another port, and check the baud rate and the ground",
-                measured={"faults": listener.faults},
-            )
-        )
+        told = f"the line is not clean: {faults}"
+        remedy = "use a shorter cable or another port, and check the baud rate and the ground"
+        findings.append(Finding(url, "problem", told, remedy, {"faults": listener.faults}))
     return findings + [Finding(url, "ok", remark) for remark in listener.remarks]
 
 
@@ -195,56 +178,32 @@ def _device(source: AnySource, heard: Heard) -> Finding:
 
 
 def _problems(source: AnySource, heard: Heard, stall: float) -> list[Finding]:
-    def problem(said: str, remedy: str) -> Finding:
-        return Finding(source.url, "problem", f"device {heard.device}: {said}", remedy)
-
-    found = []
+    counts, about = heard.counts, f"device {heard.device}: "
+    troubles: list[tuple[str, str]] = []
     if heard.never_read:
-        found.append(
-            problem(
-                f"the channels {', '.join(heard.never_read)} were never read",
-                "check the wires of these sensors",
-            )
-        )
-    if heard.counts is not None and heard.counts.lost:
-        found.append(
-            problem(
-                f"{heard.counts.lost} of {heard.counts.lost + heard.samples} samples are lost",
-                "use a higher baud rate, a shorter cable, or fewer programs beside it",
-            )
-        )
-    if heard.counts is not None and heard.counts.restarted:
-        found.append(
-            problem(
-                f"it has restarted {heard.counts.restarted} times",
-                "check its supply and whether its watchdog bites",
-            )
-        )
+        never = f"the channels {', '.join(heard.never_read)} were never read"
+        troubles.append((never, "check the wires of these sensors"))
+    if counts is not None and counts.lost:
+        lost = f"{counts.lost} of {counts.lost + heard.samples} samples are lost"
+        troubles.append((lost, "use a higher baud rate, a shorter cable, or fewer programs beside it"))
+    if counts is not None and counts.restarted:
+        restarted = f"it has restarted {counts.restarted} times"
+        troubles.append((restarted, "check its supply and whether its watchdog bites"))
     if heard.samples < 3:
-        found.append(
-            problem(f"only {heard.samples} samples have come", "does it send by itself, and how often?")
-        )
+        few = f"only {heard.samples} samples have come"
+        troubles.append((few, "does it send by itself, and how often?"))
     if heard.drift_ppm is not None and abs(heard.drift_ppm[0]) > _DRIFT_PPM + heard.drift_ppm[1]:
-        found.append(
-            problem(
-                f"its clock is off by {heard.drift_ppm[0]:+.0f} ppm",
-                "does it tell its time in the unit that its protocol says?",
-            )
-        )
+        off = f"its clock is off by {heard.drift_ppm[0]:+.0f} ppm"
+        troubles.append((off, "does it tell its time in the unit that its protocol says?"))
+    found = [Finding(source.url, "problem", about + said, remedy) for said, remedy in troubles]
     if heard.jitter_s > _LATE_S:
         remedy = "an FTDI adapter gathers for 16 ms: set its latency timer to 1 ms"
         if heard.jitter_s <= _LATE_S + stall:
             remedy = (
                 f"this computer let softfuse wait for {1e3 * stall:.0f} ms: end other programs, look again"
             )
-        found.append(
-            Finding(
-                source.url,
-                "note",
-                f"device {heard.device}: samples come up to {1e3 * heard.jitter_s:.0f} ms late",
-                remedy,
-            )
-        )
+        late = f"{about}samples come up to {1e3 * heard.jitter_s:.0f} ms late"
+        found.append(Finding(source.url, "note", late, remedy))
     return found
 
 
@@ -253,15 +212,9 @@ def _wanted(wanted: Sequence[str], given: set[str]) -> list[Finding]:
         return []
     missing = [name for name in wanted if name not in given]
     if missing:
-        return [
-            Finding(
-                "channels",
-                "problem",
-                f"{', '.join(missing)} of the configuration come from nowhere",
-                "correct the names in [sensors] or in the device, or add the [[source]] that has them",
-                measured={"missing": missing},
-            )
-        ]
+        told = f"{', '.join(missing)} of the configuration come from nowhere"
+        remedy = "correct the names in [sensors] or in the device, or add the [[source]] that has them"
+        return [Finding("channels", "problem", told, remedy, {"missing": missing})]
     return [Finding("channels", "ok", f"all {len(wanted)} of the configuration come")]
 
 

@@ -1,7 +1,6 @@
 """The files of a test bed: what they hold already, and what comes in addition."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 
@@ -19,17 +18,9 @@ from softfuse.hardware.testbed.recording import CsvRecording
 _SESSION, _TABLE = ".mcap", ".csv"
 
 
-@dataclass(frozen=True)
-class Done:
-    """The places [m] that some file lacks, and the first number that no press has."""
-
-    remaining: list[Point]
-    next_press: int
-
-
-def done_already(files: Sequence[Path], places: Sequence[Point], levels: int) -> Done:
-    """What the files hold of the places [m], each with samples of so many levels; RecordingError for files of
-    another kind, or that cannot be read.
+def done_already(files: Sequence[Path], places: Sequence[Point], levels: int) -> tuple[list[Point], int]:
+    """The places [m] of which some file lacks a sample of one of so many levels, and the first number that no
+    press has; RecordingError for files of another kind, or that cannot be read.
     """
     if len({path.resolve() for path in files}) < len(files):
         raise RecordingError(f"--out {', '.join(map(str, files))}: give each file once")
@@ -41,7 +32,7 @@ def done_already(files: Sequence[Path], places: Sequence[Point], levels: int) ->
             pressed_here += pressed(columns, levels)
             first = max(first, next_press(columns))
         missing |= set(remaining(places, pressed_here))
-    return Done([at for at in places if at in missing], first)
+    return [at for at in places if at in missing], first
 
 
 class Outputs:

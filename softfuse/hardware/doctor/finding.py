@@ -1,20 +1,10 @@
-"""What softfuse doctor finds out, and how it is told."""
+"""What is found out about one thing."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
-from rich.table import Table
-from rich.text import Text
-
-from softfuse.cli.terminal import printable
-
 State = Literal["ok", "note", "problem"]
-_SIGNS: dict[State, tuple[str, str]] = {
-    "ok": ("ok", "green"),
-    "note": ("note", "cyan"),
-    "problem": ("problem", "red"),
-}
 
 
 @dataclass(frozen=True)
@@ -42,14 +32,3 @@ class Finding:
 def well(findings: Sequence[Finding]) -> bool:
     """Whether there is no problem."""
     return all(finding.state != "problem" for finding in findings)
-
-
-def findings_table(findings: Sequence[Finding]) -> Table:
-    """As people read them; nothing in it can command a terminal."""
-    table = Table.grid(padding=(0, 2))
-    for finding in findings:
-        word, colour = _SIGNS[finding.state]
-        said = f"{finding.said}: {finding.remedy}" if finding.remedy else finding.said
-        about, said = (printable(text).replace("\n", " ") for text in (finding.about, said))
-        table.add_row(Text(word, style=colour), Text(about), Text(said, overflow="fold"))
-    return table

@@ -1,4 +1,4 @@
-"""What softfuse doctor says of what computes: double precision, the solvers, the cache, the viewer."""
+"""What is found out about what computes: double precision, the solvers, the cache, the viewer."""
 
 import importlib
 import os
@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from softfuse.cli.finding import Finding
 from softfuse.errors import SoftfuseError
+from softfuse.hardware.doctor.finding import Finding
 
 _LEAST = 1e-9
 """The largest relative error that the solution of a small system may have."""
@@ -28,14 +28,8 @@ def check_devices() -> list[Finding]:
         if third.dtype == np.float64 and error < 1e-15:
             findings.append(Finding(about, "ok", f"float64, {device.device_kind}"))
         else:
-            findings.append(
-                Finding(
-                    about,
-                    "problem",
-                    f"{third.dtype}, off by {error:.1g}",
-                    "unset JAX_ENABLE_X64, or set it to 1; mechanics needs double precision",
-                )
-            )
+            remedy = "unset JAX_ENABLE_X64, or set it to 1; mechanics needs double precision"
+            findings.append(Finding(about, "problem", f"{third.dtype}, off by {error:.1g}", remedy))
     if all(device.platform == "cpu" for device in jax.devices()) and os.path.exists("/dev/nvidia0"):
         findings.append(
             Finding("jax on gpu", "note", "there is a GPU that JAX does not use", "pip install 'jax[cuda13]'")
@@ -106,17 +100,13 @@ def check_cache() -> Finding:
     import jax
 
     if not jax.config.values["jax_enable_compilation_cache"]:
-        return Finding(
-            "cache", "note", "compiled programs are not kept, as JAX_ENABLE_COMPILATION_CACHE says"
-        )
+        told = "compiled programs are not kept, as JAX_ENABLE_COMPILATION_CACHE says"
+        return Finding("cache", "note", told)
     folder = jax.config.values["jax_compilation_cache_dir"]
     if not folder:
-        return Finding(
-            "cache",
-            "problem",
-            "compiled programs are not kept, every start compiles anew",
-            "make the user's cache folder writable, or set JAX_COMPILATION_CACHE_DIR",
-        )
+        told = "compiled programs are not kept, every start compiles anew"
+        remedy = "make the user's cache folder writable, or set JAX_COMPILATION_CACHE_DIR"
+        return Finding("cache", "problem", told, remedy)
     if "://" in str(folder):
         return Finding("cache", "note", f"{folder}, not tried")
     try:
@@ -124,12 +114,9 @@ def check_cache() -> Finding:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(b"softfuse")
     except OSError as error:
-        return Finding(
-            "cache",
-            "problem",
-            f"{folder} cannot be written ({error.strerror or error}), every start compiles anew",
-            "give it to your user, or set JAX_COMPILATION_CACHE_DIR to a folder of yours",
-        )
+        told = f"{folder} cannot be written ({error.strerror or error}), every start compiles anew"
+        remedy = "give it to your user, or set JAX_COMPILATION_CACHE_DIR to a folder of yours"
+        return Finding("cache", "problem", told, remedy)
     size = sum(path.stat().st_size for path in Path(folder).glob("*") if path.is_file())
     return Finding("cache", "ok", f"{folder}, {1e-6 * size:.0f} MB", measured={"bytes": size})
 

@@ -1,15 +1,20 @@
-"""The sources of a test bed, open and gathered."""
+"""The sources of a test bed, open, gathered and written down while its stage presses."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from pathlib import Path
 
-from softfuse.cli.testbed_files import Outputs
 from softfuse.errors import ConfigError, HardwareError
 from softfuse.hardware.live.pipeline import Pipeline
-from softfuse.hardware.record.entries import FrameEntry
+from softfuse.hardware.record.entries import FrameEntry, SessionInfo
 from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.hardware.source.connection import Connection
+from softfuse.hardware.stage.gcode import GcodeStage
 from softfuse.hardware.stream import Chunk, HostClock, Notice
+from softfuse.hardware.testbed.bench import Bench, Pressed
+from softfuse.hardware.testbed.files import Outputs
 from softfuse.hardware.testbed.gathering import ForceAxis, Gathering
+from softfuse.hardware.testbed.plan import Plan
 from softfuse.robot.robot import require_sensors
 from softfuse.robot.settings import RobotSettings
 
@@ -37,7 +42,7 @@ class Sensors:
             if name not in wanted:
                 wanted.append(name)
         drivers = [driver_of(source) for source in config.sources]
-        self._clock = clock
+        self._clock, self._tell = clock, tell
         self._outputs: Outputs | None = None
         self.gathering = Gathering(
             Pipeline(wanted, drivers), axis, clock, send=self._send, write=self._write, tell=tell
@@ -47,41 +52,61 @@ class Sensors:
             for k, (source, driver) in enumerate(zip(config.sources, drivers, strict=True))
         ]
 
-    def open(self) -> None:
-        """Open all ports; HardwareError where one cannot be."""
-        for connection in self._connections:
-            connection.open()
+    @contextmanager
+    def recording(
+        self,
+        open_stage: Callable[[], GcodeStage],
+        files: Sequence[Path],
+        info_of: Callable[[tuple[str, ...]], SessionInfo],
+    ) -> Iterator[GcodeStage]:
+        """The stage, while all that comes from the sources is written to files; then everything is closed.
 
-    def start(self, outputs: Outputs) -> None:
-        """Begin to gather and write; the outputs are closed by `stop`."""
-        self._outputs = outputs
-        self.gathering.start()
+        info_of: what a session of such channels says first. Raises HardwareError where a port cannot be
+        opened or the disk fails, RecordingError where a file cannot be written.
+        """
+        try:
+            for connection in self._connections:
+                connection.open()
+            with closing(open_stage()) as stage:
+                # Not before every port is open: a mistake in one leaves no file.
+                info = info_of(self.gathering.channels)
+                self._outputs = Outputs(files, info, self._clock, self._tell)
+                self.gathering.start()
+                yield stage
+        finally:
+            self._stop()
+        if self._outputs is not None and self._outputs.lost:
+            raise HardwareError(
+                f"{self._outputs.lost} entries could not be recorded to {self.written}: look at the disk"
+            )
 
-    def wait(self) -> None:
-        """Be back when all channels have come; HardwareError where they do not."""
+    def press(self, stage: GcodeStage, plan: Plan, *, home: bool) -> Iterator[Pressed]:
+        """Press the places of a plan with a stage that is recorded, after seeking its end switches where told
+        so; each press when it is done.
+
+        Raises HardwareError where the channels do not come, before anything moves, and as `Bench.press`.
+        """
         missing = self.gathering.missing(_COMING_S)
         if missing:
             raise HardwareError(
                 f"the channels {', '.join(missing)} do not come: look with softfuse doctor, nothing has moved"
             )
         self.gathering.reading(_FIRST_S)
+        stage.connect()
+        if home:
+            stage.home()
+        bench = Bench(stage, self.gathering, plan.settings, plan.origin)
+        yield from bench.press(plan.places, plan.first, self._remark)
 
-    def remark(self, text: str) -> None:
-        """Write down what was done."""
+    @property
+    def written(self) -> str:
+        """The files."""
+        return "" if self._outputs is None else ", ".join(map(str, self._outputs.files))
+
+    def _remark(self, text: str) -> None:
         self.gathering.tell(Notice(self._clock.now_s(), None, "info", text))
 
-    @property
-    def written(self) -> list[str]:
-        """The files."""
-        return [] if self._outputs is None else [str(path) for path in self._outputs.files]
-
-    @property
-    def lost(self) -> int:
-        """Entries that are in no file."""
-        return 0 if self._outputs is None else self._outputs.lost
-
-    def stop(self) -> None:
-        """Close the ports, write what waits, close the files; HardwareError where the disk failed."""
+    def _stop(self) -> None:
         for connection in self._connections:
             connection.stop()
         try:

@@ -11,8 +11,6 @@ from threading import Lock
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.cli.version import require_version
-from softfuse.computing import prepare_jax
 from softfuse.design.limits import Limit
 from softfuse.design.of_robot import (
     build_problem,
@@ -31,12 +29,11 @@ from softfuse.robot.file import load
 
 @dataclass(frozen=True)
 class Task:
-    """What is searched: a plan's path, absolute, the digests of plan and device, the version of softfuse."""
+    """What is searched: a plan's path, absolute, and the digests of plan and device."""
 
     path: str
     plan: str
     config: str
-    version: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +53,8 @@ class Start:
 def work_on(start: Start) -> list[Trial]:
     """All trials of a start's search, or its first one; none where there is no mesh for it.
 
-    Raises SoftfuseError when this worker has another softfuse or other files than the client.
+    Raises SoftfuseError when this worker has other files than the client.
     """
-    prepare_jax()
     with _building:
         plan, problem, geometry = _problem(start.task)
     limits = (
@@ -88,7 +84,6 @@ _building = Lock()
 @lru_cache(maxsize=1)
 def _problem(task: Task) -> tuple[DesignPlan, Problem, Geometry]:
     """The problem with limits that are open."""
-    require_version(task.version)
     plan = load_design(Path(task.path))
     config = load(plan.device)
     if (digest(plan), digest(config)) != (task.plan, task.config):

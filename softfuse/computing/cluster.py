@@ -7,18 +7,23 @@ as the command, and without a dashboard; and an address that is given must be tr
 
 import asyncio
 import logging
+import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from softfuse.computing.prepare import prepare_jax
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.side_by_side import cores
 
 if TYPE_CHECKING:
     from distributed import Client
 
 log = logging.getLogger(__name__)
+
+# As for the command itself, see `softfuse.cli`: a worker elsewhere imports this before it loads scipy.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 class Piece(Protocol):
@@ -47,29 +52,8 @@ def dask_setup(worker: object) -> None:
 
 
 @contextmanager
-def cluster_of(scheduler: str | None, workers: int | None, pieces: int) -> "Iterator[Client]":
-    """A client of the scheduler at an address, or of as many processes on this computer as are asked for, one
-    a core if not told, at most one a piece of work.
-
-    Raises SoftfuseError as `local_cluster` and `remote_cluster` do.
-    """
-    if scheduler is not None:
-        cluster = remote_cluster(scheduler)
-    else:
-        cluster = local_cluster(min(workers or cores(), pieces))
-    with cluster as client:
-        yield client
-
-
-def one_of(scheduler: str | None, workers: int | None) -> None:
-    """Raises SoftfuseError when both options are given."""
-    if scheduler is not None and workers is not None:
-        raise SoftfuseError("--workers are processes on this computer, --scheduler has its own: give one")
-
-
-@contextmanager
-def local_cluster(workers: int) -> "Iterator[Client]":
-    """A client of so many processes on this computer, which end with it.
+def local_cluster(workers: int, cores: int) -> "Iterator[Client]":
+    """A client of so many processes on the cores of this computer, which end with it.
 
     Raises SoftfuseError when Dask is not installed.
     """
@@ -89,9 +73,9 @@ def local_cluster(workers: int) -> "Iterator[Client]":
         # Workers keep no data that could be moved to disk, and compiling may need much memory for a while.
         memory_limit=0,
         silence_logs=logging.CRITICAL,
-        preload=["softfuse.cli.cluster"],
+        preload=["softfuse.computing.cluster"],
         # XLA would otherwise start as many threads in every process as there are cores.
-        env={"NPROC": str(max(1, cores() // workers))},
+        env={"NPROC": str(max(1, cores // workers))},
     )
     with cluster, Client(cluster) as client:
         yield client
@@ -101,7 +85,7 @@ def local_cluster(workers: int) -> "Iterator[Client]":
 def remote_cluster(address: str) -> "Iterator[Client]":
     """A client of the scheduler at an address such as tcp://host:8786.
 
-    Raises SoftfuseError when Dask is not installed or none answers there.
+    Raises SoftfuseError when Dask is not installed or no scheduler answers there.
     """
     with _dask():
         from distributed import Client
@@ -130,14 +114,17 @@ def finished(client: "Client", work: Callable[[_P], _R], pieces: Sequence[_P]) -
     """The pieces with what `work` makes of each, as they are finished.
 
     What a worker that dies was at is done again by another one, and told. Raises SoftfuseError when work
-    does, or, after all others, when some pieces have cost one worker after the other.
+    does, when a worker has another softfuse or lacks something, or, after all others, when some pieces have
+    cost one worker after the other.
     """
     from distributed import KilledWorker, as_completed
     from distributed.client import FutureCancelledError
 
     client.subscribe_topic(_EVENTS, _tell_of_workers)
     # Keys are always new: a scheduler may still know those of a command that was interrupted.
-    futures = {client.submit(work, piece, pure=False): piece for piece in pieces}
+    futures = {
+        client.submit(prepared, version("softfuse"), work, piece, pure=False): piece for piece in pieces
+    }
     deadly = []
     try:
         for future in as_completed(list(futures)):
@@ -163,6 +150,18 @@ def finished(client: "Client", work: Callable[[_P], _R], pieces: Sequence[_P]) -
             f"{len(deadly)} parts of the work each cost several workers their lives, the first at "
             f"{deadly[0].title}: give them more memory; all others are done"
         )
+
+
+def prepared(wanted: str, work: Callable[[_P], _R], piece: _P) -> _R:
+    """What `work` makes of a piece in double precision; SoftfuseError when this worker has another softfuse
+    than the version that is wanted.
+    """
+    if version("softfuse") != wanted:
+        raise SoftfuseError(
+            f"a worker has softfuse {version('softfuse')}, here it is {wanted}: install the same"
+        )
+    prepare_jax()
+    return work(piece)
 
 
 def _tell_of_workers(event: tuple[float, Any]) -> None:

@@ -38,7 +38,7 @@ def cast(
         beyond=shape.thickness,
         wall=0.5 * plan.walls.thickness,
         chord=shape.facets,
-        names=[_file_name(cavity.name, k) for k, cavity in enumerate(plan.cavities)],
+        names=[f"{k}_{cavity.name}" for k, cavity in enumerate(plan.cavities)],
     )
     low, high = layout.outline.low, layout.outline.high
     corner = 2.0 * shape.port_radius
@@ -57,11 +57,5 @@ def cast(
         ),
     )
     checks = checked_solids(solids, parts)
-    folder.mkdir(parents=True, exist_ok=True)
     write_casting(folder, solids, parts)
     return checks
-
-
-def _file_name(name: str, number: int) -> str:
-    """A cavity's number and what of its name may stand in the name of a file."""
-    return "_".join([str(number), *"".join(c if c.isalnum() else " " for c in name).split()])

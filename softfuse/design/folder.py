@@ -1,7 +1,6 @@
 """The folder of a design run: whose it is, and all that was tried, as a Parquet file."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,31 +8,20 @@ import numpy as np
 from softfuse.design.problem import Value
 from softfuse.design.search import Trial
 from softfuse.errors import SoftfuseError
-from softfuse.report.result_folder import claim, put_in_place, writing
+from softfuse.io.result_folder import claim, put_in_place, writing
 
 _NAME, _HISTORY = "design.json", "history.parquet"
-
-
-@dataclass(frozen=True)
-class Identity:
-    """What two design runs in one folder must have in common: version of softfuse, SHA-256 of plan and
-    config.
-    """
-
-    softfuse: str
-    plan: str
-    config: str
 
 
 class DesignFolder:
     """Keeps the trials of a run's searches, each under the name of its search."""
 
     def __init__(
-        self, path: Path, identity: Identity, parameters: Sequence[str], measures: Sequence[str]
+        self, path: Path, identity: Mapping[str, str], parameters: Sequence[str], measures: Sequence[str]
     ) -> None:
         """Make the folder, or find the run in it; raises SoftfuseError when there is another one in it."""
         self._path, self._parameters, self._measures = path, tuple(parameters), tuple(measures)
-        claim(path, _NAME, "a design run", asdict(identity), parts=_HISTORY)
+        claim(path, _NAME, "a design run", identity, parts=_HISTORY)
         self._trials = list(self._kept())
 
     @property
