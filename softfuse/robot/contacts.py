@@ -3,15 +3,15 @@
 from abc import abstractmethod
 from typing import Annotated, Literal, Self
 
-import jax.numpy as jnp
 import numpy as np
 from annotated_types import Ge, Gt, Le
 from jaxtyping import Float, Int
 from pydantic import Field
 
 from softfuse.functional.chart import AbstractChart, FlatChart
-from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.contact import ContactSurface
 from softfuse.functional.pressure_cells import PressureCells, flat_punch, uniform
+from softfuse.functional.skin import Skin
 from softfuse.functional.workspace import AbstractWorkspace, FlatWorkspace, SurfaceWorkspace
 from softfuse.io.quantity import (
     Angle,
@@ -21,12 +21,14 @@ from softfuse.io.quantity import (
     PositiveLength,
 )
 from softfuse.io.settings import Direction, Range, Settings, Span
+from softfuse.mechanics.indenters import FlatIndenter, SurfacePatches
 from softfuse.mechanics.load import AbstractContact
-from softfuse.mechanics.patch import PatchContact
-from softfuse.mechanics.punch import PunchContact
 
 _RINGS, _ANGLES = 3, 12
 """Quadrature points of a patch: across and around."""
+
+_REACH = 2.5
+"""Radii from a place within which its faces are sought: places may be a radius off a surface that is bent."""
 
 _SPACING = 0.75
 """Of a contact's radius: how far apart places are looked at."""
@@ -118,8 +120,7 @@ class DiscSettings(ContactSettings):
     def contact(self, faces, rest):
         """A disc on those of the faces that look against its direction."""
         surface = ContactSurface.facing(faces, rest, np.array(self.direction))
-        disc = Contact(surface, self.cells(), jnp.zeros(3), jnp.asarray(self.radius), self.compliance)
-        return PunchContact(disc)
+        return FlatIndenter(surface, self.cells(), self.radius, self.compliance)
 
     def chart(self, faces, rest):
         """Across its direction, at the height of the outermost point of the faces."""
@@ -185,10 +186,9 @@ class PatchSettings(ContactSettings):
 
     def contact(self, faces, rest):
         """One patch, or two at the ends of the span."""
-        del rest
         offsets = (0.0,) if self.span is None else (-0.5 * self.span, 0.5 * self.span)
         cells = uniform(rings=_RINGS, angles=_ANGLES)
-        return PatchContact.on(faces, cells, self.radius, offsets)
+        return SurfacePatches(Skin.of(faces, rest, _REACH * self.radius), cells, self.radius, offsets)
 
     def chart(self, faces, rest):
         """None."""

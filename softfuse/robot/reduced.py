@@ -11,7 +11,6 @@ from jaxtyping import Array, Float
 from softfuse.body.body import Body
 from softfuse.errors import ConfigError, SolveError
 from softfuse.mechanics.model import Model, simulate
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.solution import RESULTS
 from softfuse.robot.contacts import DiscSettings
 from softfuse.robot.digest import digest
@@ -138,9 +137,9 @@ class Teacher:
         if isinstance(self.regions, Cells):
             cell = self.regions[number]
             paths = presses(cell, force, side=given.side, levels=given.levels, near=given.near)
-            contact = self.device.contacts[0]
-            assert isinstance(contact, PunchContact)
-            over = places_over(cell, contact.disc, np.asarray(self.device.body.rest))
+            body = self.device.body
+            (disc,) = self.device.contacts[0].discs(body, jnp.asarray(self._middle(number)))
+            over = places_over(cell, disc, np.asarray(body.rest))
             return paths, [jnp.asarray(place)[None] for place in over]
         place = jnp.asarray(self._middle(number))[None]
         patches = self.device.contacts[0].drives

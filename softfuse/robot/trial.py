@@ -71,7 +71,7 @@ class Trial:
             contact = _contact(robot, press.contact)
             kind = robot.model.contacts[settings.contacts.index(contact)]
             place = _place(robot, contact, press.at)
-            if float(kind.overlap(robot.model.body, jnp.asarray(place))) < 1.0:
+            if not kind.stands(robot.model.body, jnp.asarray(place)):
                 raise SoftfuseError(_overhangs(robot, contact, place))
             kinds.append(kind)
             places.append(place)
