@@ -25,7 +25,6 @@ from softfuse.hardware.testbed.bench import Bench, Pressed, workspace_of
 from softfuse.hardware.testbed.gathering import ForceAxis
 from softfuse.hardware.testbed.places import grid, read_places
 from softfuse.hardware.testbed.procedure import PressSettings
-from softfuse.robot.contacts import DiscSettings
 from softfuse.robot.file import load
 from softfuse.robot.robot import require_sensors
 from softfuse.robot.settings import RobotSettings
@@ -173,12 +172,12 @@ def _stage(url: str, baud: int, firmware: Firmware, workspace: Workspace) -> Gco
 
 def _workspace(config: RobotSettings) -> tuple[tuple[float, float], tuple[float, float]]:
     require_sensors(config)
-    contact = config.contact()
-    if not isinstance(contact, DiscSettings):
+    within = config.contact().within
+    if within is None:
         raise ConfigError(
-            f"{config.path}: contact: a disc with a workspace is needed for a grid; or give --places"
+            f"{config.path}: contact: one in a flat workspace is needed for a grid; or give --places"
         )
-    return contact.within.x, contact.within.y
+    return within.x, within.y
 
 
 def _counted(places: tuple[int, int]) -> tuple[int, int]:

@@ -37,11 +37,11 @@ def drives_of(device: Model, series: Series, rest: Float[np.ndarray, " D"]) -> F
 
     The cables come first among what is attached to the device.
     """
-    each = device.contacts[0].drives
-    pressed = each * len(series.places)
+    shares = np.tile(device.contacts[0].shares, len(series.places))
+    pressed = len(shares)
     driven = pressed + len(series.cables)
     drives = np.tile(rest, (len(series.forces), 1))
-    drives[:, :pressed] = np.array(series.forces)[:, None] / each
+    drives[:, :pressed] = np.array(series.forces)[:, None] * shares
     drives[:, pressed:driven] = series.cables
     return drives
 

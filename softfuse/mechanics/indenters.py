@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
@@ -43,6 +44,10 @@ class AbstractIndenter(AbstractContact):
     def arms(self):
         """The total force, at the place."""
         return jnp.zeros(1)
+
+    def at_depth(self):
+        """The indenter."""
+        return AtDepth(self)
 
     @abstractmethod
     def load(self, body: AbstractBody, place: Array) -> Punch | RoundIndenter:
@@ -110,8 +115,8 @@ class CylinderIndenter(AbstractIndenter):
 
     @property
     def seen_axis(self) -> Float[Array, "2"]:
-        """The axis in the tangents of what is seen along d, which are u and −v of a skin's place."""
-        return self.axis * jnp.array([1.0, -1.0]) if isinstance(self.surface, Skin) else self.axis
+        """The axis in the tangents of what is seen along d, which are u and −v of a place."""
+        return self.axis * jnp.array([1.0, -1.0])
 
     def discs(self, body, place):
         """The strip where it may touch."""
@@ -193,6 +198,11 @@ class SurfaceForce(AbstractContact):
     def arms(self):
         """Normal force, and two tangential ones, all at the place."""
         return jnp.zeros(3)
+
+    @property
+    def shares(self):
+        """All on the first."""
+        return np.array([1.0, 0.0, 0.0])
 
     def discs(self, body, place):
         """The patch."""

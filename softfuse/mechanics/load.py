@@ -147,6 +147,11 @@ class AbstractContact(eqx.Module):
         """How many forces [N] one contact is driven with."""
         return self.arms.shape[0]
 
+    @property
+    def shares(self) -> Float[np.ndarray, " c"]:
+        """How its force [N] along the normal is shared among those that it is driven with (c,) [-]."""
+        return np.full(self.drives, 1.0 / self.drives)
+
     @abstractmethod
     def load(self, body: AbstractBody, place: Float[Array, "3 3"]) -> AbstractLoad:
         """The load of one contact at a place; its drives are the forces [N]."""
@@ -178,6 +183,12 @@ class AbstractContact(eqx.Module):
     def stands(self, body: AbstractBody, place: Float[Array, "3 3"]) -> Bool[Array, ""]:
         """Whether it may press at a place: some of each disc lies on the surface."""
         return self.overlap(body, place) > 0
+
+    def at_depth(self) -> "AbstractContact | None":
+        """The same, driven by its depth [m] from where it first touches the body at rest, and answered by its
+        force [N]; None of what is not rigid.
+        """
+        return None
 
     def recut(self, rims: tuple[float, ...], sectors: tuple[int, ...]) -> "AbstractContact":
         """The same contact, with cells between these rims where its pressure is told by several, see

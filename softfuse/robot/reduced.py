@@ -12,7 +12,6 @@ from softfuse.body.body import Body
 from softfuse.errors import ConfigError, SolveError
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
-from softfuse.robot.contacts import DiscSettings
 from softfuse.robot.digest import digest
 from softfuse.robot.robot import Robot
 from softfuse.robot.settings import RobotSettings
@@ -38,11 +37,11 @@ def build_regions(config: RobotSettings) -> AbstractRegions:
     Raises ConfigError when there is not one kind of contact that presses in cells or at named places.
     """
     contact = config.contact()
-    if not isinstance(contact, DiscSettings):
+    if contact.direction is None:
         if not config.places:
             raise ConfigError(
-                f"{config.path}: contact: reduced models are trained for discs in a workspace, or for places "
-                "of electrodes; this contact has neither"
+                f"{config.path}: contact: reduced models are trained for discs in a flat workspace, or for "
+                "places of electrodes; this contact has neither"
             )
         return Spots(np.array(list(config.places.values())))
     low, high = (tuple(end.tolist()) for end in contact.ranges)
