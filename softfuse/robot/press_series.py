@@ -139,8 +139,7 @@ def _place_sets(plan: SweepPlan, config: RobotSettings) -> Sets:
             )
         case _, ElectrodePlaces():
             raise ConfigError(
-                f"{plan.path}: places.type: this device is pressed in a workspace: "
-                'give "grid", "random" or "list"'
+                f'{plan.path}: places.type: this is pressed in a workspace: give "grid", "random" or "list"'
             )
         case within, RandomPlaces():
             _check_count(plan, len(plan.contacts) * places.count * len(plan.forces.all))
