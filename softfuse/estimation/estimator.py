@@ -16,7 +16,6 @@ from jaxtyping import Array, Float
 
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.live_step import LiveStep, Ready
-from softfuse.estimation.push_response import Patches
 from softfuse.estimation.step import Observation, StepReport
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
@@ -109,10 +108,6 @@ class Estimator:
     def displacement(self) -> Float[np.ndarray, "k 3"]:
         """Displacements (k, 3) m of all nodes after the last frame."""
         return np.asarray(self.device.body.displacement(self.state.z))
-
-    def push_response(self, patches: Patches) -> Float[np.ndarray, "s k"]:
-        """Readings per newton (s, k) [SI/N] on patches (s,) after the last frame."""
-        return self.live.push_response(self._ready, self._carried, patches)
 
     def update(self, seen: Observation, limits: Limits | None = None) -> Estimate:
         """Advance by one frame's observation within the limits of this frame; never raises for what they

@@ -22,7 +22,6 @@ from softfuse.errors import SolveError
 from softfuse.estimation.kept_programs import lowered
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.packing import Packed, Packing
-from softfuse.estimation.push_response import Patches, push_response_by_factor
 from softfuse.estimation.step import Observation, PlacePrior, StepReport, estimate_step
 from softfuse.mechanics.linearised import loaded_tangents
 from softfuse.mechanics.model import Model
@@ -196,11 +195,6 @@ class LiveStep:
         after = ready.step(carried, self._frames.pack((limits, seen), np))
         told = self._reports.unpack({kind: np.asarray(vector) for kind, vector in after.told.items()})
         return carried._replace(state=after.state, resistance=after.resistance), told
-
-    def push_response(self, ready: Ready, carried: Carried, patches: Patches) -> Float[np.ndarray, "s k"]:
-        """Readings per newton (s, k) [SI/N] on patches (s,) in the state that is carried."""
-        model = eqx.combine(ready.arrays, self._static)
-        return np.asarray(push_response_by_factor(model, patches, carried.factor, carried.state))
 
     def _ready(self, arrays: Model, rest: State) -> Ready:
         carried = self._on(arrays, rest, self.places)

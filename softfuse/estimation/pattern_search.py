@@ -8,9 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.estimation.estimator import Estimator
-from softfuse.estimation.push_response import Patches, patches_at
+from softfuse.estimation.push_response import push_response
 from softfuse.estimation.reading_pattern import PatternFit, pattern_fit
 from softfuse.estimation.reduced_estimator import ReducedEstimator
+from softfuse.mechanics.load import Loads
+from softfuse.mechanics.solution import State
 from softfuse.robot.robot import Robot
 
 _SIDE = 13
@@ -20,11 +22,14 @@ _POSTURE_CHANGED = 0.05
 
 
 class _Pattern(NamedTuple):
-    """Where presses are looked for: places (s, 3, 3), `pitch_m` (2,) apart, and what pushes there."""
+    """Where presses of the contact `slot` are looked for: places (s, 3, 3), `pitch_m` (2,) apart, and
+    readings per newton there (s, k) of the robot at rest.
+    """
 
     places: Float[np.ndarray, "s 3 3"]
     pitch_m: Float[np.ndarray, "2"]
-    patches: Patches
+    slot: int
+    slopes: Float[np.ndarray, "s k"]
 
 
 class PatternSearch:
@@ -44,7 +49,9 @@ class PatternSearch:
         self._posture = np.zeros(0)
 
     def prepare(self) -> Future[_Pattern]:
-        """Find the places; begun on a thread of its own, as it takes some seconds."""
+        """Find the places and what presses there do at rest; begun on a thread of its own, as it takes some
+        seconds.
+        """
         if self._pattern is None:
             thread = ThreadPoolExecutor(1)
             self._pattern = thread.submit(self._patterned)
@@ -65,25 +72,22 @@ class PatternSearch:
         while the body is `fresh`: not pressed.
         """
         pattern = self.prepare().result()
-        if self._slopes is None or (fresh and np.any(np.abs(posture - self._posture) > _POSTURE_CHANGED)):
-            self._slopes, self._posture = self._estimator.push_response(pattern.patches), posture
+        if self._slopes is None:
+            self._slopes, self._posture = pattern.slopes, np.zeros_like(posture)
+        if fresh and np.any(np.abs(posture - self._posture) > _POSTURE_CHANGED):
+            places, of = jnp.asarray(pattern.places), self._estimator
+            self._slopes = np.asarray(push_response(of.device, places, of.state, pattern.slot))
+            self._posture = posture
         valid, kinds = np.isfinite(reading), self._robot.reading_kinds
         return pattern_fit(pattern.places, pattern.pitch_m, self._slopes, reading, covariance, valid, kinds)
 
     def _patterned(self) -> _Pattern:
-        robot = self._robot
+        robot, model = self._robot, self._estimator.device
         flags = robot.unseen if robot.unseen.any() else [each is not None for each in robot.workspaces]
         slot = int(np.argmax(flags))
         workspace = robot.workspaces[slot]
         assert workspace is not None  # the tracker has told
-        slots = robot.addresses.slots
-        contact = next(
-            each
-            for each in robot.settings.contacts
-            if slot in range(slots[each.name].start, slots[each.name].stop)
-        )
         places, pitch = workspace.grid(_SIDE)
-        faces = jnp.asarray(robot.parts.faces)
-        return _Pattern(
-            places, pitch, patches_at(robot.model.body, faces, jnp.asarray(places), contact.radius)
-        )
+        rest = State.rest(model.body, Loads(model.actuators))
+        slopes = np.asarray(push_response(model, jnp.asarray(places), rest, slot))
+        return _Pattern(places, pitch, slot, slopes)

@@ -22,7 +22,6 @@ from softfuse.errors import SoftfuseError
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimate, Estimator, StepSettings
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.live_step import Ready
-from softfuse.estimation.push_response import Patches, push_response_at
 from softfuse.estimation.step import Observation
 from softfuse.mechanics.solution import State
 from softfuse.rom.atlas import Atlas
@@ -128,13 +127,6 @@ class ReducedEstimator:
             assert isinstance(body, Body)
             return of_nodes(body, np.arange(body.n_nodes), z[: body.n_displacements, None])[:, :, 0]
         return self._atlas.chart(self._number).displacement(np.asarray(self._small.state.z))
-
-    def push_response(self, patches: Patches) -> Float[np.ndarray, "s k"]:
-        """Readings per newton (s, k) [SI/N] on patches (s,) of the full body after the last frame: a reduced
-        one knows only the surface that it was trained on.
-        """
-        full, state = self.device, self.state
-        return np.asarray(push_response_at(full, patches, state))
 
     def update(self, seen: Observation, limits: Limits | None = None) -> Estimate:
         """Advance by one frame's observation within the limits of this frame; never raises for what they

@@ -1,4 +1,4 @@
-"""How a device at rest answers to small presses at many places: what sensors read, and how far it gives way.
+"""How a device answers to small presses at many places: what sensors read, and how far it gives way.
 
 A press with a small force F at a place p changes readings by F w(p), w = ∂s/∂F, and moves the body by F v(p).
 With H(θ, y) = 0 the balance and the laws of the loads (`newton`), of states y = (z, x), the answer ẏ per
@@ -22,6 +22,7 @@ from softfuse.functional.chart import moved
 from softfuse.mechanics.interface import slopes
 from softfuse.mechanics.linear_solver import Solve
 from softfuse.mechanics.linearised import Coupled, coupled, linearise, settled_on, unbalanced
+from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.newton import tangent_at
 from softfuse.mechanics.solution import State
@@ -47,7 +48,7 @@ def rest_response(device: Model, places: Array) -> RestResponse:
     still, inverse = _still(device, places)
 
     def one(place):
-        press = _Press.at(device, still, inverse, place)
+        press = Press.at(device, still, inverse, place, _held_at_rest(still))
         return press.felt(press.answer())
 
     return jax.lax.map(one, places)
@@ -65,7 +66,7 @@ def place_response(
     still, inverse = _still(device, places)
 
     def one(place):
-        press = _Press.at(device, still, inverse, place)
+        press = Press.at(device, still, inverse, place, _held_at_rest(still))
         answer = press.answer()
         turned = [press.felt(press.moved(answer, axis)).by_force for axis in jnp.eye(2)]
         return press.felt(answer), jnp.stack(turned, axis=-1)
@@ -79,9 +80,14 @@ def _still(device: Model, places: Array) -> tuple[Model, Solve]:
     return still, tangent_at(still.linear, still.body, still.loads(first), still.rest_state(first))
 
 
-class _Press(eqx.Module):
-    """A press at a place on a device at rest, under the weight of what presses, which tells what touches;
-    `system` is M.
+def _held_at_rest(device: Model) -> State:
+    """The undeformed state of body and actuators."""
+    return State.rest(device.body, Loads(device.actuators))
+
+
+class Press(eqx.Module):
+    """A press at a place on a device, under the weight of what presses, which tells what touches; `system` is
+    M.
     """
 
     device: Model
@@ -92,9 +98,13 @@ class _Press(eqx.Module):
     inverse: Solve
 
     @classmethod
-    def at(cls, device: Model, still: Model, inverse: Solve, place: Array) -> "_Press":
+    def at(cls, device: Model, still: Model, inverse: Solve, place: Array, held: State) -> "Press":
+        """On a device whose body and actuators are in the state `held`; `still`: the same without
+        derivatives, `inverse`: K⁻¹ there.
+        """
         loads = still.loads(place[None])
-        rest = State.rest(still.body, loads)
+        begun = zip(loads.parts[0].start(), (held.force, held.internal, held.drive), strict=True)
+        rest = State(held.z, *(jnp.concatenate(each) for each in begun))
         linear = linearise(still.body, loads, inverse, rest)
         settled, y = settled_on(linear, rest)
         slope = slopes(linear.held, (settled.force, settled.internal), y, rest.drive)

@@ -134,6 +134,7 @@ class Tracker:
         self._offset = ModelOffset.none(readings)
         self._force_N = np.zeros(len(self.adding))
         self._unexplained = np.full(readings, np.nan)
+        self._unpressed, self._attached = np.zeros(readings), np.zeros(len(self._upper) - self._split)
         self._uncertain = np.zeros((readings, readings))
         self._patterns.reset()
         self._touch = TouchByReadings()
@@ -235,6 +236,15 @@ class Tracker:
         elif not seen.pressing[c] and np.isfinite(self._unexplained).any():
             self._touch.begins(self._fit())
 
+    def _follow_unpressed(self, modelled: Float[np.ndarray, " k"], found: Estimate, pressed: bool) -> None:
+        """What the model would read if nothing pressed: in frames like that what it does read, in others that
+        and what actuators have added since.
+        """
+        attached = np.asarray(found.drive)[self._split :]
+        by_drive = np.asarray(found.report.compliance)[:, self._split :]
+        self._unpressed = self._unpressed + by_drive @ (attached - self._attached) if pressed else modelled
+        self._attached = attached
+
     def _fit(self) -> PatternFit:
         """How well presses all over explain what nothing else did in the last frame."""
         attached = np.nan_to_num(np.asarray(self.state.drive)[self._split :])
@@ -274,8 +284,7 @@ class Tracker:
         self._uncertain = uncertain
         if search is not None:
             lone = seen.pressing.sum() == 1 and bool((seen.pressing & seen.unseen).any())
-            if lone and not np.isfinite(self._unexplained).any():
-                self._unexplained = np.where(valid, reading, np.nan)
+            self._unexplained = np.where(valid, reading - self._unpressed, np.nan)
             fit = self._fit() if lone else None
             if search.seek(seen, self._told(seen), self._force_N, fit) and len(self._upper) == self._split:
                 self.estimator.reset()
@@ -294,8 +303,8 @@ class Tracker:
             lost = self._nothing(now, seen)
             return lost._replace(drive=drive, covariance=nothing, evidence=None, doubts=[Status.inverted])
         self._stroke = float(np.linalg.norm((reading - found.misfit)[self._strokes]))
-        pushed = np.asarray(found.report.compliance)[:, : self._split] @ found.drive[: self._split]
-        self._unexplained = np.where(valid, found.misfit + pushed, np.nan)
+        self._follow_unpressed(reading - found.misfit, found, bool(seen.pressing.any()))
+        self._unexplained = np.where(valid, reading - self._unpressed, np.nan)
         elapsed = time_s - self._seen_s
         if elapsed > 0:  # not where the time is missing or does not increase
             self._seen_s = time_s

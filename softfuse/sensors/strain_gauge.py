@@ -1,4 +1,4 @@
-"""A resistive strain gauge along a line in the material: ΔR/R₀ = k (L/L₀ − 1), k its gauge factor, in any unit."""
+"""A resistive strain gauge along a line in the material: ΔR/R₀ = k (L/L₀ − 1) with its gauge factor k."""
 
 from typing import Literal
 

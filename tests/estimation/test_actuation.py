@@ -52,9 +52,8 @@ def robot() -> Robot:
     left = PulledCable.through(
         body, np.array([[x, 0.010, 0.006] for x in ALONG]), np.array([0, 0.010, 0.006])
     )
-    tip = int(np.argmin(np.linalg.norm(mesh.nodes - [LENGTH, SIDE, SIDE], axis=1)))
-    markers = (Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
-    readings = (*map(ShapeReading, markers), AnswerReading((0, 1)))
+    tip = Marker.of(body, np.array([LENGTH, SIDE, SIDE]))
+    readings = (ShapeReading(tip), AnswerReading((0, 1)))
     skin = Skin.of(boundary_faces(mesh).faces, mesh.nodes, 4.5e-3)
     contact = SurfacePatches(skin, uniform(rings=3, angles=8), 0.003)
     device = Model(body, readings, (contact,), Dense.plan(body), (below, left))

@@ -36,12 +36,12 @@ def test_force_and_place_that_err_together(plain_device, shape, state) -> None:
     root = unit @ np.array([[1.0, 0.0, 0.0], [0.7, 0.7, 0.0], [-0.5, 0.2, 0.8]])
     found = displacement_sigma(plain_device, state, AT, root @ root.T)
     # Symmetric pairs along each column of a root: their halved differences squared add up to the variance.
-    moved = [
+    shapes = [
         (shape(plain_device, moved(AT, jnp.asarray(each[1:])), FORCE + each[0])
          - shape(plain_device, moved(AT, jnp.asarray(-each[1:])), FORCE - each[0])) / 2
         for each in root.T
     ]  # fmt: skip
-    expected = np.sqrt(sum(np.asarray(each) ** 2 for each in moved))
+    expected = np.sqrt(sum(np.asarray(each) ** 2 for each in shapes))
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4 * expected.max())
 
 
