@@ -33,7 +33,7 @@ def errors(device, cases: list[dict[str, Any]]) -> list[float]:
     found = []
     for case in cases:
         cells = {"punch": flat_punch, "uniform": uniform}[case["contact"]]()
-        pressed = eqx.tree_at(lambda d: d.contacts[0].disc.cells, device, cells)
+        pressed = eqx.tree_at(lambda d: d.contacts[0].cells, device, cells)
         at = facing(1e-3 * np.array([[*case["at"], 0.0]]), (0, 0, -1))
         change = 1e9 * np.asarray(solve(pressed, at, jnp.array([case["force_N"]])))
         true = np.array(case["volume_change_mm3"])

@@ -22,14 +22,14 @@ from softfuse.body.element import Element
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
 from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.functional import Cavity
-from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.contact import ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
 from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.indenters import FlatIndenter
 from softfuse.mechanics.linear_solver import AbstractLinearSolver
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
@@ -97,10 +97,10 @@ def two_cavity_device(element: Element, solver: type[AbstractLinearSolver], pois
     body = Body.from_mesh(mesh, [law], mesh.nodes[:, 2] < 1e-9, element=element)
     faces = outer_surface(mesh).faces
     surface = ContactSurface.facing(faces, mesh.nodes, np.array([0.0, 0.0, -1.0]))
-    contact = Contact(surface, flat_punch((0.7, 1.0), (3, 6)), jnp.zeros(3), jnp.asarray(8 * MM))
+    contact = FlatIndenter(surface, flat_punch((0.7, 1.0), (3, 6)), 8 * MM)
     inner = (Cavity(jnp.asarray(s.faces)) for s in cavities(mesh, geometry.centres()))
     readings = tuple(ShapeReading(cavity) for cavity in inner)
-    return Model(body, readings, (PunchContact(contact),), solver.plan(body))
+    return Model(body, readings, (contact,), solver.plan(body))
 
 
 @pytest.fixture(scope="session")

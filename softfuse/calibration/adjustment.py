@@ -20,8 +20,8 @@ from softfuse.errors import SoftfuseError
 from softfuse.material.base import AbstractMaterial, constant
 from softfuse.material.neo_hookean import NeoHookean
 from softfuse.material.yeoh import Yeoh
+from softfuse.mechanics.indenters import FlatIndenter
 from softfuse.mechanics.model import Model, with_body
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.morph import wall_fields
 from softfuse.mesh.tetmesh import TetMesh
 
@@ -124,7 +124,7 @@ class Layer(AbstractAdjustment):
         """Of the configured compliance, or where there is none of one that is felt as little as a hundredth
         of the disc's radius of the body; with a prior standard deviation [-].
         """
-        disc = _punch(device).disc
+        disc = _punch(device)
         given = float(disc.compliance)
         typical = given or 0.01 * disc.radius / device.body.pressure_unit
         return cls(sigma=jnp.array([sigma]), typical=typical)
@@ -132,7 +132,7 @@ class Layer(AbstractAdjustment):
     def adjusted(self, device, value):
         """The device pressed through such a layer."""
         compliance = self.typical * jnp.exp(value[0])
-        return eqx.tree_at(lambda d: d.contacts[0].disc.compliance, device, compliance)
+        return eqx.tree_at(lambda d: d.contacts[0].compliance, device, compliance)
 
 
 class Walls(AbstractAdjustment):
@@ -276,9 +276,9 @@ def _body(device: Model) -> Body:
     return device.body
 
 
-def _punch(device: Model) -> PunchContact:
+def _punch(device: Model) -> FlatIndenter:
     contact = device.contacts[0]
-    if not isinstance(contact, PunchContact):
+    if not isinstance(contact, FlatIndenter):
         raise SoftfuseError(
             'a calibration presses discs: a device with contact.model = "patch" cannot be calibrated yet'
         )

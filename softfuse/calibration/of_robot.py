@@ -27,7 +27,6 @@ from softfuse.material.base import AbstractMaterial
 from softfuse.material.yeoh import Yeoh
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.model import Model
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.reading import AbstractReading, AnswerReading, DriveReading, JointReading
 from softfuse.robot.contacts import DiscSettings, PatchSettings
 from softfuse.robot.file import Edits, Key
@@ -204,9 +203,7 @@ def calibrated_edits(fitted: Fitted, adjustments: Adjustments, value: Float[np.n
                     for key, said in _material(material, law).items():
                         edits["body", "material", k, key] = said
             case Layer():
-                disc = made.contacts[0]
-                assert isinstance(disc, PunchContact)
-                compliance = float(disc.disc.compliance)
+                compliance = float(group.typical * np.exp(part[0]))
                 edits["contact", 0, "compliance"] = f"{1e9 * compliance:.6g} mm/MPa"
             case Walls():
                 edits |= _chambers(config, dict(zip(group.names, part, strict=True)))

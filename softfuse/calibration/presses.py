@@ -18,6 +18,7 @@ from jaxtyping import Array, Float, Int
 from softfuse.calibration.adjustment import Adjustments
 from softfuse.errors import SolveError
 from softfuse.estimation.side_by_side import shared_out
+from softfuse.mechanics.load import AbstractContact
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS, Solution, State
 
@@ -142,7 +143,7 @@ def _read(device: Model, adjustments: Adjustments, value: Any, given: Any, start
         made = adjustments.adjusted(device, value)
         arms = adjustments.arms(jnp.zeros(len(force)), press, value)
         kinds = made.kinds(len(place))
-        forces = [_shared(kind.arms, *each) for kind, *each in zip(kinds, force, arms, strict=True)]
+        forces = [_shared(kind, *each) for kind, *each in zip(kinds, force, arms, strict=True)]
         drive = jnp.concatenate([*forces, adjustments.prescribed(prescribed, value)])
         found = simulate(made, place, drive, start)
         reading = adjustments.measured(made.reading(found.state, place), value)
@@ -152,9 +153,8 @@ def _read(device: Model, adjustments: Adjustments, value: Any, given: Any, start
     return jax.jacrev(read, has_aux=True)(jnp.asarray(value))
 
 
-def _shared(arms: Float[Array, " d"], force: Array, arm: Array) -> Float[Array, " d"]:
-    """The drives (d,) [N] at arms (d,) [m] of a contact that presses with a force [N], an arm [m] from the
-    middle of its place.
-    """
+def _shared(kind: AbstractContact, force: Array, arm: Array) -> Float[Array, " d"]:
+    """The drives (d,) [N] of a contact that presses with a force [N], an arm [m] from its place's middle."""
+    arms = kind.arms
     square = jnp.sum(arms**2)
-    return force * (1 / arms.shape[0] + arm * arms / jnp.where(square > 0, square, 1.0))
+    return force * (kind.shares + arm * arms / jnp.where(square > 0, square, 1.0))

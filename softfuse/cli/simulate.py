@@ -12,13 +12,13 @@ import typer
 from softfuse.cli.options import Quiet, out_file
 from softfuse.cli.progress import busy
 from softfuse.cli.terminal import say
-from softfuse.errors import SoftfuseError, SolveError
+from softfuse.errors import SolveError
 from softfuse.io.result_folder import writing
 from softfuse.mechanics.solution import read_state
 from softfuse.mesh.files import write_mesh
 from softfuse.robot.file import load
 from softfuse.robot.robot import build_robot
-from softfuse.robot.trial import Press, Trial, told
+from softfuse.robot.trial import Trial, presses_of, told
 
 log = logging.getLogger(__name__)
 
@@ -34,6 +34,14 @@ def simulate(
     ] = None,
     force: Annotated[
         list[float] | None, typer.Option(help="Total force in N; once for each --at.", min=0.0)
+    ] = None,
+    depth: Annotated[
+        list[float] | None,
+        typer.Option(help="How deep it goes in mm, instead of --force; once for each --at.", min=0.0),
+    ] = None,
+    tangential: Annotated[
+        list[str] | None,
+        typer.Option(help='U,V: force in N along the tangents of each place, of a model = "force".'),
     ] = None,
     cable: Annotated[
         list[str] | None,
@@ -57,7 +65,8 @@ def simulate(
     settings = load(config)
     with busy("meshing", quiet=quiet):
         robot = build_robot(settings)
-    trial = Trial.of(robot, presses(contact or [], at or [], force or []), cable or [], pressure or [])
+    pressed = presses_of(contact or [], at or [], force or [], depth or [], tangential or [])
+    trial = Trial.of(robot, pressed, cable or [], pressure or [])
     begin = None if start is None else read_state(start, trial.rest)
     with busy("solving", quiet=quiet):
         solution = trial.searched(begin)
@@ -77,17 +86,3 @@ def simulate(
     if solution.snapped:
         log.warning("%s", solution.words)
     say(told(numbers), quiet=quiet)
-
-
-def presses(contacts: list[str], places: list[str], forces: list[float]) -> list[Press]:
-    """The presses of options that are given once for each; SoftfuseError where they do not go together."""
-    if len(places) != len(forces):
-        raise SoftfuseError(
-            f"{len(places)} times --at and {len(forces)} times --force: give both for each press"
-        )
-    if len(contacts) not in (0, len(places)):
-        raise SoftfuseError(
-            f"{len(contacts)} times --contact for {len(places)} times --at: give one for each"
-        )
-    names: list[str | None] = [*contacts] or [None] * len(places)
-    return [Press(*each) for each in zip(names, places, forces, strict=True)]

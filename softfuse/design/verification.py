@@ -61,8 +61,8 @@ def pressed(
         raise SolveError("a reduced body does not tell strains: press the full one")
     facing = Facing.of(np.asarray(body.rest), walls)
     rest = np.asarray(device.rest_state(places[:1]).drive)
-    parts = device.contacts[0].drives
-    drive = np.concatenate([np.full(parts, force_N / parts), rest[parts:]])
+    kind = device.contacts[0]
+    drive = np.concatenate([force_N * kind.shares, rest[kind.drives :]])
 
     def one(place: np.ndarray) -> tuple[np.ndarray, ...]:
         answer, result = _pressed(device, facing, jnp.asarray(place), jnp.asarray(drive))

@@ -17,20 +17,20 @@ _GAS = 1e-3
 def limits_of(robot: Robot) -> Limits:
     """Bounds and regularisation of the forces of all contacts, then of the actuators' drives.
 
-    Forces lie between 0 and max_force, tensions between 0 and max_tension, driven pressures within their
-    range; the gas that was sealed in stays.
+    Forces lie between 0 and max_force, those along tangents to either side, tensions between 0 and
+    max_tension, driven pressures within their range; the gas that was sealed in stays.
     """
     settings = robot.settings
     damping = settings.estimator.regularisation
-    forces = [each.max_force for each in settings.contacts for _ in range(each.forces * each.at_once)]
+    driven = [each.bounds for each in settings.contacts for _ in range(each.at_once)]
     low, high = robot.ranges
-    units = np.ones(len(low))
+    pushed, units = sum(len(least) for least, _ in driven), np.ones(len(low))
     for chamber in settings.chambers:
         if chamber.gas != "vented":
             unit = _GAS * settings.environment.atmosphere if chamber.gas == "sealed" else _KILOPASCAL
             units[robot.addresses.drives[chamber.name]] = unit
-    lower, upper = np.append(np.zeros(len(forces)), low), np.append(np.array(forces), high)
-    regularisation = damping / np.append(np.ones(len(forces)), units) ** 2
+    lower, upper = (np.concatenate(each) for each in zip(*driven, (low, high), strict=True))
+    regularisation = damping / np.append(np.ones(pushed), units) ** 2
     motion = settings.estimator.largest_motion
     sigma = [each.place_sigma for each in settings.contacts if isinstance(each, PatchSettings) and each.span]
     place = sigma[0] if sigma else None

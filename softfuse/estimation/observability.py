@@ -67,17 +67,17 @@ def response(
 
     Raises SolveError when a press has no equilibrium.
     """
-    adding = device.adding(1)[0]
-    others = np.asarray(device.rest_state(jnp.asarray(places[:1])).drive)[len(adding) :]
+    (kind,) = device.kinds(1)
+    others = np.asarray(device.rest_state(jnp.asarray(places[:1])).drive)[kind.drives :]
 
     def one(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        drive = np.concatenate([force_N * adding / len(adding), others])
+        drive = np.concatenate([force_N * kind.shares, others])
         (by_place, by_drive), (reading, result) = _slopes(device, place, drive)
         if not bool(result == RESULTS.converged):
             at = ", ".join(f"{1e3 * x:.1f}" for x in place[0])
             raise SolveError(f"no equilibrium at {force_N:g} N on ({at}) mm: {RESULTS[result]}")
         seen()
-        by_force = np.asarray(by_drive)[:, : len(adding)] @ adding / len(adding)
+        by_force = np.asarray(by_drive)[:, : kind.drives] @ kind.shares
         return np.asarray(reading), by_force, np.asarray(by_place)
 
     return Response(*side_by_side(one, places))

@@ -113,8 +113,8 @@ class Press(eqx.Module):
 
     def answer(self) -> State:
         """ẏ per newton."""
-        parts = self.device.contacts[0].drives
-        press = jnp.zeros_like(self.state.drive).at[:parts].set(1.0 / parts)
+        kind = self.device.contacts[0]
+        press = jnp.zeros_like(self.state.drive).at[: kind.drives].set(kind.shares)
         none = jnp.zeros_like(self.state.z)
         begun = self._solved(none, -self.system.slope.drive @ press)
         begun = State(begun.z, begun.force, begun.internal, press)

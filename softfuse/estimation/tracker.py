@@ -95,7 +95,8 @@ class Tracker:
         self._limits, self._upper = limits, np.asarray(limits.upper)
         self._lower = np.asarray(limits.lower)
         self.adding = self.estimator.device.adding(count)
-        """(c, F): a contact's forces together, the sum over its drives, which are the first F."""
+        """(c, F): a contact's forces along its normal together, of its drives, which are the first F."""
+        self._owning = self.estimator.device.owning(count)
         self._split = self.adding.shape[1]
         self.drift = robot.suite.drift
         """How readings drift while something presses; None where they do not."""
@@ -254,7 +255,8 @@ class Tracker:
     def _limits_now(self, pressing: Bool[np.ndarray, " c"]) -> Limits:
         """The limits in a frame: only contacts that press have a force, what is commanded is known."""
         lower, upper = self._lower.copy(), self._upper.copy()
-        upper[: self._split][~self._of_contacts(pressing)] = 0.0
+        for end in (lower, upper):
+            end[: self._split][~self._of_contacts(pressing)] = 0.0
         limits = self._limits
         by_drive = ~self._of_answer
         at = self._commanded[by_drive]
@@ -375,7 +377,7 @@ class Tracker:
 
     def _of_contacts(self, flags: Bool[np.ndarray, " c"]) -> Bool[np.ndarray, " d"]:
         """A flag of each contact for each of its drives (d,)."""
-        return flags @ self.adding > 0
+        return flags @ self._owning > 0
 
     def _doubts(
         self,

@@ -25,7 +25,6 @@ from softfuse.experiment.virtual_robot import VirtualRobot
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model, simulate
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.reading import Equilibrium
 from softfuse.mechanics.solution import RESULTS, State
 from softfuse.robot.digest import digest
@@ -233,7 +232,7 @@ class RobotSolver:
     def _check(self, model: Model, touches: Sequence[Touch]) -> None:
         for touch, contact in zip(touches, model.contacts, strict=True):
             place = jnp.array(touch.place)
-            if isinstance(contact, PunchContact) and float(contact.at(place).overlap(model.body)) < 1.0:
+            if not contact.stands(model.body, place):
                 raise ConfigError(f"{touch} overhangs the edge of the body: move it inwards")
 
     def _found(self, model: Model, places: Array, drive: Array, state: State, where: str) -> State:

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from softfuse.body.base import AbstractBody
 from softfuse.mechanics.model import Model, simulate
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.solution import State, result_name
 from softfuse.robot.press_series import Series
 
@@ -39,11 +37,11 @@ def drives_of(device: Model, series: Series, rest: Float[np.ndarray, " D"]) -> F
 
     The cables come first among what is attached to the device.
     """
-    each = device.contacts[0].drives
-    pressed = each * len(series.places)
+    shares = np.tile(device.contacts[0].shares, len(series.places))
+    pressed = len(shares)
     driven = pressed + len(series.cables)
     drives = np.tile(rest, (len(series.forces), 1))
-    drives[:, :pressed] = np.array(series.forces)[:, None] / each
+    drives[:, :pressed] = np.array(series.forces)[:, None] * shares
     drives[:, pressed:driven] = series.cables
     return drives
 
@@ -53,8 +51,7 @@ def outcomes(device: Model, series: Series, places: Float[Array, "c 3 3"]) -> It
 
     Each is searched from the last one that was found, the first from rest.
     """
-    disc = device.contacts[0]
-    if isinstance(disc, PunchContact) and float(_least_overlap(disc, device.body, places)) < 1.0:
+    if not _stands(device, places):
         nothing = np.full(device.n_readings, np.nan)
         yield from (Outcome(OVERHANGS, 0, 0, np.nan, nothing, np.nan) for _ in series.forces)
         return
@@ -76,8 +73,9 @@ def outcomes(device: Model, series: Series, places: Float[Array, "c 3 3"]) -> It
 
 
 @eqx.filter_jit
-def _least_overlap(disc: PunchContact, body: AbstractBody, places: Float[Array, "c 3 3"]) -> Float[Array, ""]:
-    return jnp.min(jnp.stack([disc.at(place).overlap(body) for place in places]))
+def _stands(device: Model, places: Float[Array, "c 3 3"]) -> Bool[Array, ""]:
+    each = zip(device.kinds(len(places)), places, strict=True)
+    return jnp.all(jnp.stack([kind.stands(device.body, place) for kind, place in each]))
 
 
 @eqx.filter_jit

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 from softfuse.experiment.sweep import Outcome
-from softfuse.robot.contacts import DiscSettings
 from softfuse.robot.press_series import Series
 from softfuse.robot.settings import RobotSettings
 
@@ -28,7 +27,7 @@ class SweepTable:
     def __init__(self, config: RobotSettings, contacts: int, shortened: tuple[bool, ...]):
         """shortened: of each cable, whether its shortening is given; its tension is otherwise."""
         self._contacts, self._shortened = contacts, shortened
-        self._discs = isinstance(config.contact(), DiscSettings)
+        self._discs = config.contact().within is not None
         self._readings = [*self._answers(config), *_volumes(config), *_pressures(config)]
         self.columns: tuple[SweepColumn, ...] = (
             SweepColumn("case", "integer", "number of the case, from 0"),

@@ -15,11 +15,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from softfuse.errors import ConfigError
-from softfuse.functional.pressure_cells import flat_punch
 from softfuse.io.settings import Vector
 from softfuse.material.silicones import SILICONES, silicone_of_stiffness
-from softfuse.mechanics.load import AbstractContact
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.surface import outer_surface, winding_number
 from softfuse.robot.material import Material, YeohSettings
 from softfuse.robot.mesh import RobotMesh, build_mesh
@@ -27,7 +24,7 @@ from softfuse.robot.robot import Robot, build_robot
 from softfuse.robot.settings import RobotSettings
 
 _RIMS, _SECTORS = (0.5, 0.85, 1.0), (4, 8, 12)
-"""Cells of rigid discs, see `functional.pressure_cells.flat_punch`: a coarse mesh cannot tell many apart, and
+"""Cells of what presses, see `functional.pressure_cells`: a coarse mesh cannot tell many apart, and
 there is no equilibrium.
 """
 
@@ -97,17 +94,10 @@ def virtual_robot(drawn: RobotSettings, errors: MakingErrors = MakingErrors()) -
         settings, mesh = _finer(settings, mesh, errors.nodes)
     settings = _moved(settings, mesh, errors, rng)
     made = build_robot(settings, mesh)
-    contacts = tuple(map(_pressing, made.model.contacts))
+    contacts = tuple(contact.recut(_RIMS, _SECTORS) for contact in made.model.contacts)
     return VirtualRobot(
         drawn, errors, replace(made, model=eqx.tree_at(lambda m: m.contacts, made.model, contacts))
     )
-
-
-def _pressing(contact: AbstractContact) -> AbstractContact:
-    """A rigid disc with cells of its own, others as they are."""
-    if not isinstance(contact, PunchContact) or contact.disc.cells.count == 1:
-        return contact
-    return eqx.tree_at(lambda c: c.disc.cells, contact, flat_punch(_RIMS, _SECTORS))
 
 
 def _made(drawn: RobotSettings, errors: MakingErrors, rng: np.random.Generator) -> RobotSettings:

@@ -7,7 +7,7 @@ from softfuse.mechanics.load import AbstractLoad, AbstractPorts, LinearPorts, Lo
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.newton import Newton, solve
 from softfuse.mechanics.prescribed import PrescribedDisplacement, PrescribedForce
-from softfuse.mechanics.punch import Punch, PunchContact
+from softfuse.mechanics.punch import Punch
 from softfuse.mechanics.solution import RESULTS, Solution, State, Stats
 
 __all__ = [
@@ -22,7 +22,6 @@ __all__ = [
     "PrescribedDisplacement",
     "PrescribedForce",
     "Punch",
-    "PunchContact",
     "Solution",
     "State",
     "Stats",

@@ -1,17 +1,19 @@
 """What may touch a body's surface anywhere, each a load for every place (3, 3), see `Skin`."""
 
 from abc import abstractmethod
+from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
 from softfuse.functional.contact import Contact, ContactSurface
-from softfuse.functional.pressure_cells import PressureCells
+from softfuse.functional.pressure_cells import PressureCells, even, flat_punch
 from softfuse.functional.skin import Skin
 from softfuse.material.base import constant
-from softfuse.mechanics.load import AbstractContact, AbstractLoad
+from softfuse.mechanics.load import AbstractContact
 from softfuse.mechanics.patch import NormalPatches, PatchForces, frame_ports
 from softfuse.mechanics.punch import Punch, PunchAtDepth
 from softfuse.mechanics.round_indenter import RoundIndenter, RoundIndenterAtDepth
@@ -35,25 +37,17 @@ def disc_at(
     return Contact(at, cells, place[0], radius, compliance)
 
 
-class AbstractDiscs(AbstractContact):
-    """What presses through discs of a surface."""
-
-    @abstractmethod
-    def discs(self, body: AbstractBody, place: Float[Array, "3 3"]) -> list[Contact]:
-        """The discs at a place (3, 3)."""
-
-    def overlap(self, body, place):
-        """The least of the discs'."""
-        return jnp.min(jnp.stack([disc.overlap(body) for disc in self.discs(body, place)]))
-
-
-class AbstractIndenter(AbstractDiscs):
+class AbstractIndenter(AbstractContact):
     """Something rigid that presses with one force, or to one depth."""
 
     @property
     def arms(self):
         """The total force, at the place."""
         return jnp.zeros(1)
+
+    def at_depth(self):
+        """The indenter."""
+        return AtDepth(self)
 
     @abstractmethod
     def load(self, body: AbstractBody, place: Array) -> Punch | RoundIndenter:
@@ -72,9 +66,18 @@ class FlatIndenter(AbstractIndenter):
         """The disc, with its layer."""
         return [disc_at(self.surface, self.cells, self.radius, body, place, compliance=self.compliance)]
 
+    def stands(self, body, place):
+        """With all of its face: over an edge a rigid disc would tilt."""
+        return self.overlap(body, place) >= 1.0
+
+    def recut(self, rims, sectors):
+        """Such a punch; the same where the pressure is even."""
+        return self if self.cells.count == 1 else replace(self, cells=flat_punch(rims, sectors))
+
     def load(self, body, place):
         """The disc at a place (3, 3), driven by its force [N]."""
-        return Punch.of(*self.discs(body, place), body)
+        (disc,) = self.discs(body, place)
+        return Punch.of(disc, body)
 
 
 class SphereIndenter(AbstractIndenter):
@@ -89,9 +92,14 @@ class SphereIndenter(AbstractIndenter):
         """Where it may touch."""
         return [disc_at(self.surface, self.cells, self.extent, body, place)]
 
+    def recut(self, rims, sectors):
+        """With such cells where it may touch."""
+        return replace(self, cells=even(rims, sectors))
+
     def load(self, body, place):
         """The sphere at a place (3, 3), driven by its force [N]."""
-        return RoundIndenter.of(*self.discs(body, place), body, self.radius, jnp.zeros(2))
+        (disc,) = self.discs(body, place)
+        return RoundIndenter.of(disc, body, self.radius, jnp.zeros(2))
 
 
 class CylinderIndenter(AbstractIndenter):
@@ -107,8 +115,8 @@ class CylinderIndenter(AbstractIndenter):
 
     @property
     def seen_axis(self) -> Float[Array, "2"]:
-        """The axis in the tangents of what is seen along d, which are u and −v of a skin's place."""
-        return self.axis * jnp.array([1.0, -1.0]) if isinstance(self.surface, Skin) else self.axis
+        """The axis in the tangents of what is seen along d, which are u and −v of a place."""
+        return self.axis * jnp.array([1.0, -1.0])
 
     def discs(self, body, place):
         """The strip where it may touch."""
@@ -119,7 +127,8 @@ class CylinderIndenter(AbstractIndenter):
 
     def load(self, body, place):
         """The cylinder at a place (3, 3), driven by its force [N]."""
-        return RoundIndenter.of(*self.discs(body, place), body, self.radius, self.seen_axis)
+        (disc,) = self.discs(body, place)
+        return RoundIndenter.of(disc, body, self.radius, self.seen_axis)
 
 
 class AtDepth(AbstractContact):
@@ -136,12 +145,20 @@ class AtDepth(AbstractContact):
         """The indenter at a place (3, 3), driven by its depth."""
         return self.indenter.load(body, place).at_depth()
 
-    def overlap(self, body, place):
-        """That of the indenter."""
-        return self.indenter.overlap(body, place)
+    def discs(self, body, place):
+        """Those of the indenter."""
+        return self.indenter.discs(body, place)
+
+    def stands(self, body, place):
+        """Where the indenter does."""
+        return self.indenter.stands(body, place)
+
+    def recut(self, rims, sectors):
+        """The indenter with such cells."""
+        return replace(self, indenter=self.indenter.recut(rims, sectors))
 
 
-class SurfacePatches(AbstractDiscs):
+class SurfacePatches(AbstractContact):
     """Uniform patches of `radius` [m] at `offsets` (c,) [m] along u from a place, each pressed along its
     current normal. Forces on two stand for one force anywhere between them.
     """
@@ -163,12 +180,12 @@ class SurfacePatches(AbstractDiscs):
             for offset in self.offsets
         ]
 
-    def load(self, body, place) -> AbstractLoad:
+    def load(self, body, place) -> NormalPatches:
         """The patches at a place (3, 3), driven by their forces [N]."""
         return NormalPatches.of(self.discs(body, place), body)
 
 
-class SurfaceForce(AbstractDiscs):
+class SurfaceForce(AbstractContact):
     """A uniform patch of `radius` [m] that is pushed with a force vector: along its current normal, and along
     the tangents that u and v become.
     """
@@ -182,10 +199,15 @@ class SurfaceForce(AbstractDiscs):
         """Normal force, and two tangential ones, all at the place."""
         return jnp.zeros(3)
 
+    @property
+    def shares(self):
+        """All on the first."""
+        return np.array([1.0, 0.0, 0.0])
+
     def discs(self, body, place):
         """The patch."""
         return [disc_at(self.surface, self.cells, self.radius, body, place)]
 
-    def load(self, body, place) -> AbstractLoad:
+    def load(self, body, place) -> PatchForces:
         """The patch at a place (3, 3), driven by its force vector [N]."""
         return PatchForces(frame_ports(self.discs(body, place), body))

@@ -14,10 +14,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from softfuse.body.base import AbstractBody
 from softfuse.errors import SolveError
+from softfuse.functional.contact import Contact
 
 
 class AbstractPorts(eqx.Module):
@@ -146,13 +147,55 @@ class AbstractContact(eqx.Module):
         """How many forces [N] one contact is driven with."""
         return self.arms.shape[0]
 
+    @property
+    def shares(self) -> Float[np.ndarray, " c"]:
+        """How its force [N] along the normal is shared among those that it is driven with (c,) [-]."""
+        return np.full(self.drives, 1.0 / self.drives)
+
     @abstractmethod
     def load(self, body: AbstractBody, place: Float[Array, "3 3"]) -> AbstractLoad:
         """The load of one contact at a place; its drives are the forces [N]."""
 
-    @abstractmethod
+    def discs(self, body: AbstractBody, place: Float[Array, "3 3"]) -> list[Contact]:
+        """The discs of the surface through which it presses at a place, none where all is known to lie on
+        it.
+        """
+        del body, place
+        return []
+
     def overlap(self, body: AbstractBody, place: Float[Array, "3 3"]) -> Float[Array, ""]:
-        """What part [-] of a contact at a place lies on the surface: 1 unless it overhangs an edge."""
+        """What part [-] of each disc of a contact at a place lies on the surface, the least of them: 1 unless
+        one overhangs an edge.
+        """
+        return jnp.min(jnp.stack([jnp.ones(()), *(disc.overlap(body) for disc in self.discs(body, place))]))
+
+    def lands(self, body: AbstractBody, place: Float[Array, "3 3"]) -> Bool[Array, ""]:
+        """Whether the middle of each disc at a place is no further than its radius from where its direction
+        enters the body at rest.
+        """
+        landed = [jnp.array(True)]
+        for disc in self.discs(body, place):
+            on = disc.surface.land(body.rest, disc.location[None])
+            apart = jnp.linalg.norm(on.shape[0] @ body.rest[on.nodes[0]] - disc.location)
+            landed.append(on.met[0] & (apart <= disc.radius))
+        return jnp.all(jnp.stack(landed))
+
+    def stands(self, body: AbstractBody, place: Float[Array, "3 3"]) -> Bool[Array, ""]:
+        """Whether it may press at a place: some of each disc lies on the surface."""
+        return self.overlap(body, place) > 0
+
+    def at_depth(self) -> "AbstractContact | None":
+        """The same, driven by its depth [m] from where it first touches the body at rest, and answered by its
+        force [N]; None of what is not rigid.
+        """
+        return None
+
+    def recut(self, rims: tuple[float, ...], sectors: tuple[int, ...]) -> "AbstractContact":
+        """The same contact, with cells between these rims where its pressure is told by several, see
+        `functional.pressure_cells`.
+        """
+        del rims, sectors
+        return self
 
 
 class Sizes(eqx.Module):

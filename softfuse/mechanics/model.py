@@ -55,9 +55,13 @@ class Model(eqx.Module):
         return tuple(self.contacts[slot] for slot in slots[:count])
 
     def adding(self, count: int) -> Float[np.ndarray, "c F"]:
-        """The matrix (c, F) that adds the forces F of so many contacts up to one for each."""
-        parts = [kind.drives for kind in self.kinds(count)]
-        return np.repeat(np.eye(count), parts, axis=1)
+        """The matrix (c, F) that adds the forces F of so many contacts up to that along each one's normal."""
+        each = [kind.shares > 0 for kind in self.kinds(count)]
+        return self.owning(count) * np.concatenate([np.zeros(0), *each])
+
+    def owning(self, count: int) -> Float[np.ndarray, "c F"]:
+        """1 for the forces F of each of so many contacts, else 0 (c, F)."""
+        return np.repeat(np.eye(count), [kind.drives for kind in self.kinds(count)], axis=1)
 
     def loads(self, places: Sequence[Array] | Array) -> Loads:
         """The loads under contacts at places (c, 3, 3)."""
@@ -84,9 +88,10 @@ class Model(eqx.Module):
 
     def depth(self, places: Sequence[Array] | Array, state: State) -> Float[Array, ""]:
         """How far the first of contacts at places (c, 3, 3) has sunk in [m], the mean of its parts."""
-        touching = Loads((self.kinds(1)[0].load(self.body, places[0]),))
+        (kind,) = self.kinds(1)
+        touching = Loads((kind.load(self.body, places[0]),))
         force, internal = state.force[: touching.sizes.forces], state.internal[: touching.sizes.internal]
-        return jnp.mean(touching.conjugate(force, internal, touching.values(self.body, state.z)))
+        return touching.conjugate(force, internal, touching.values(self.body, state.z)) @ kind.shares
 
 
 def with_body(model: Model, body: AbstractBody) -> Model:

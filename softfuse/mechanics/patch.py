@@ -8,15 +8,11 @@ the body and has no potential; the law's derivative in the tangents makes up for
 from collections.abc import Sequence
 
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
-from softfuse.functional.chart import direction_of
-from softfuse.functional.contact import Contact, ContactSurface
-from softfuse.functional.face_search import EveryFace
-from softfuse.functional.pressure_cells import PressureCells
-from softfuse.mechanics.load import AbstractContact, AbstractLoad, Sizes
+from softfuse.functional.contact import Contact
+from softfuse.mechanics.load import AbstractLoad, Sizes
 from softfuse.mechanics.surface_ports import PlacePorts
 
 
@@ -119,60 +115,3 @@ def _normals(y: Float[Array, " 9c"]) -> Float[Array, "c 3"]:
     tangents = y[y.shape[0] // 3 :].reshape(-1, 2, 3)
     across = jnp.cross(tangents[:, 0], tangents[:, 1])
     return across / jnp.linalg.norm(across, axis=1, keepdims=True)
-
-
-class PatchContact(AbstractContact):
-    """Patches of a radius [m] that press along the surface's current normal, at `offsets` (c,) [m] from their
-    place along its first tangent.
-
-    Forces on two patches stand for one force anywhere between them: where a contact presses is found with its
-    force.
-    """
-
-    faces: Int[Array, "f s"]
-    cells: PressureCells
-    radius: Float[Array, ""]
-    offsets: Float[Array, " c"]
-
-    @classmethod
-    def on(
-        cls,
-        faces: Int[np.ndarray, "f s"],
-        cells: PressureCells,
-        radius: float,
-        offsets: Sequence[float] = (0.0,),
-    ) -> "PatchContact":
-        """Patches on the outward faces (f, s) of a body."""
-        return cls(jnp.asarray(faces), cells, jnp.asarray(radius, float), jnp.asarray(offsets, float))
-
-    @property
-    def arms(self):
-        """Those of the patches."""
-        return self.offsets
-
-    def at(self, place: Float[Array, "3 3"]) -> tuple[Contact, ...]:
-        """The patches at a place (3, 3)."""
-        every = EveryFace(len(self.faces))
-        # Their cross product is the direction, that of the place its outward normal.
-        tangents = jnp.stack([place[1], -place[2]])
-        surface = ContactSurface(self.faces, direction_of(place), tangents, every)
-        middles = place[0] + self.offsets[:, None] * place[1]
-        return tuple(Contact(surface, self.cells, middle, self.radius) for middle in middles)
-
-    def load(self, body, place):
-        """The patches at a place as a load along their current normals."""
-        return NormalPatches.of(self.at(place), body)
-
-    def overlap(self, body, place):
-        """The least of the patches'."""
-        return jnp.min(jnp.stack([patch.overlap(body) for patch in self.at(place)]))
-
-    def lands(self, body: AbstractBody, place: Float[Array, "3 3"]) -> Bool[Array, ""]:
-        """Whether the middle of each patch at a place is no further than the radius from where its direction
-        enters the body at rest.
-        """
-        patches = self.at(place)
-        middles = jnp.stack([patch.location for patch in patches])
-        on = patches[0].surface.land(body.rest, middles)
-        apart = jnp.linalg.norm(jnp.einsum("ps,psi->pi", on.shape, body.rest[on.nodes]) - middles, axis=1)
-        return jnp.all(on.met & (apart <= self.radius))

@@ -11,14 +11,13 @@ nanonewton, so that without a force it rests on those cells that a force would p
 Johnson, Contact Mechanics, 1985, sec. 4.3.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from softfuse.body.base import AbstractBody
 from softfuse.functional.contact import Contact
-from softfuse.mechanics.load import AbstractContact, AbstractLoad, AbstractPorts, Sizes
+from softfuse.mechanics.load import AbstractLoad, AbstractPorts, Sizes
 from softfuse.mechanics.surface_ports import CellPorts
 
 _WEIGHT = 1e-9  # N
@@ -122,26 +121,3 @@ def _gap(
 ) -> Float[Array, " m"]:
     """h (m,) [m]."""
     return y + punch.layer * force - depth
-
-
-class PunchContact(AbstractContact):
-    """Discs that may press along one direction anywhere on a surface."""
-
-    disc: Contact
-
-    def at(self, place: Float[Array, "3 3"]) -> Contact:
-        """The disc at a place (3, 3)."""
-        return eqx.tree_at(lambda disc: disc.location, self.disc, place[0])
-
-    @property
-    def arms(self):
-        """The total force, at the place."""
-        return jnp.zeros(1)
-
-    def load(self, body, place):
-        """The disc at a place as a load."""
-        return Punch.of(self.at(place), body)
-
-    def overlap(self, body, place):
-        """That of the disc."""
-        return self.at(place).overlap(body)

@@ -21,7 +21,6 @@ from softfuse.estimation.model_error import missed
 from softfuse.estimation.reading_spread import write_spread
 from softfuse.functional.chart import facing
 from softfuse.report.presses import Felt
-from softfuse.robot.contacts import DiscSettings
 from softfuse.robot.file import Edits
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.crossed.sensor import CrossedElectrodes, CrossedReading
@@ -45,11 +44,9 @@ class Electrodes:
 
 
 def grid_of(settings: RobotSettings, force_N: float) -> Grid | None:
-    """A grid of presses with a force over the workspace of a disc; None for other contacts."""
-    contact = settings.contacts[0]
-    return (
-        Grid.over(contact.within.x, contact.within.y, force_N) if isinstance(contact, DiscSettings) else None
-    )
+    """A grid of presses with a force over the flat workspace of a contact; None where it has none."""
+    within = settings.contacts[0].within
+    return None if within is None else Grid.over(within.x, within.y, force_N)
 
 
 def further(fitted: Fitted, applied: Applied) -> Applied:
@@ -60,7 +57,7 @@ def further(fitted: Fitted, applied: Applied) -> Applied:
     contact, named = settings.contacts[0], settings.places
     force_N = float(applied.force_N.max()) or _LIGHT * contact.max_force
     grid, workspace = grid_of(settings, force_N), fitted.robot.workspaces[0]
-    if grid is not None and isinstance(contact, DiscSettings):
+    if grid is not None and contact.direction is not None:
         places = facing(grid.point_m, contact.direction)
     elif named:
         places = np.array(list(named.values()))
@@ -218,5 +215,4 @@ def _signals(felt: Felt, name: str) -> LineSignals | None:
 
 def places_mm(settings: RobotSettings, beyond: Applied) -> Float[np.ndarray, "s 2"] | None:
     """Where further presses are on a map seen from above; None where there is none."""
-    flat = isinstance(settings.contacts[0], DiscSettings)
-    return 1e3 * beyond.place[:, 0, 0, :2] if flat else None
+    return None if settings.contacts[0].within is None else 1e3 * beyond.place[:, 0, 0, :2]

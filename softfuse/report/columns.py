@@ -85,10 +85,13 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """What there is to be read: an estimate, and the posture of its state, all NaN where that was lost."""
+    """What there is to be read: an estimate, the posture of its state, all NaN where that was lost, and what
+    the state is driven with (D,), contacts' forces [N] first.
+    """
 
     tracked: Tracked
     posture: Posture
+    drive: Float[np.ndarray, " D"]
 
 
 def place_columns(prefix: str = "", *, sigma: bool = True) -> list[Column]:
@@ -124,18 +127,22 @@ class Columns:
         self._vented = [chamber.gas == "vented" for chamber in settings.chambers]
         self._sealed = [chamber.gas == "sealed" for chamber in settings.chambers]
         self._links = len(settings.centreline.points) - 1 if settings.centreline else 0
+        slots = len(self.slots)
+        normal = robot.model.adding(slots).any(axis=0)
+        self._aside = [np.flatnonzero(own & ~normal) for own in robot.model.owning(slots).astype(bool)]
         self.columns = _apart(self._all(robot.suite.units))
 
     def _all(self, units: tuple[str, ...]) -> Iterable[Column]:
         if self.slots:
             yield Column("contacts", 0)
             yield from place_columns()
-        for slot, named in zip(self.slots, self.named, strict=True):
+        for slot, named, aside in zip(self.slots, self.named, self._aside, strict=True):
             prefix = f"{slot}_"
             if named:
                 yield Column(prefix + "place", None)
             if len(self.slots) > 1:
                 yield from place_columns(prefix, sigma=False)
+            yield from (Column(f"{prefix}{axis}_N", 4) for axis, _ in zip("uv", aside, strict=False))
         for name in self.cables.values():
             yield from (Column.of(name, "m"), Column.of(name, "N"))
         for name, vented in zip(self.chambers.values(), self._vented, strict=True):
@@ -153,7 +160,8 @@ class Columns:
     def moment(self, now: Estimate) -> Moment:
         """What there is to be read of an estimate."""
         posture = self.watched.posture(now.state)
-        return Moment(now.tracked, posture.unknown() if Status.inverted in now.tracked.statuses else posture)
+        lost = Status.inverted in now.tracked.statuses
+        return Moment(now.tracked, posture.unknown() if lost else posture, np.asarray(now.state.drive))
 
     def read(self, now: Estimate) -> list[Value]:
         """The values of the columns."""
@@ -175,6 +183,8 @@ class Columns:
             if len(self.slots) > 1:
                 yield from 1e3 * now.location_m[slot]
                 yield from (now.contact_force_N[slot], now.contact_sigma_N[slot])
+            # Where its force is not known, these are not.
+            yield from at.drive[self._aside[slot]] + 0.0 * now.contact_force_N[slot]
         for name in self.cables:
             drive = self._drives[name]
             yield from (1e3 * posture.answers[drive], posture.drives[drive])

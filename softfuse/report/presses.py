@@ -20,7 +20,6 @@ from softfuse.hardware.recording import Recording
 from softfuse.mechanics.cable import ShortenedCable
 from softfuse.report.columns import Columns
 from softfuse.report.truth import Truth
-from softfuse.robot.contacts import DiscSettings
 from softfuse.robot.robot import Robot
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.cable_length import CableLengthSettings
@@ -97,12 +96,12 @@ def _anywhere(robot: Robot, truth: Truth) -> tuple[np.ndarray, np.ndarray, Bool[
     force = truth.get("force_N")
     point = 1e-3 * np.stack([truth.get(f"{axis}_mm") for axis in "xyz"], axis=1)
     contact, workspace = robot.settings.contacts[0], robot.workspaces[0]
-    if isinstance(contact, DiscSettings):
+    if contact.direction is not None:
         # Seen along its direction, a point is where it is whatever its height.
         point[:, 2] = np.where(np.isfinite(point[:, 2]), point[:, 2], 0.0)
     known = np.isfinite(force) & (force > 0) & np.isfinite(point).all(axis=1)
-    place = facing(np.nan_to_num(point), getattr(contact, "direction", (0.0, 0.0, -1.0)))
-    if not isinstance(contact, DiscSettings) and workspace is not None and known.any():
+    place = facing(np.nan_to_num(point), contact.direction or (0.0, 0.0, -1.0))
+    if contact.direction is None and workspace is not None and known.any():
         place[known] = workspace.landed(place[known])
     return np.nan_to_num(force)[:, None], place[:, None], known
 
@@ -292,6 +291,6 @@ def place_name(settings: RobotSettings, place: Float[np.ndarray, "3 3"]) -> str:
     for name, other in named.items():
         if np.allclose(other[0], place[0], atol=1e-6):
             return name
-    flat = settings.contacts and isinstance(settings.contacts[0], DiscSettings)
+    flat = settings.contacts and settings.contacts[0].within is not None
     point = 1e3 * place[0][: 2 if flat else 3]
     return f"({', '.join(f'{x:.1f}' for x in point)}) mm"

@@ -14,7 +14,7 @@ from softfuse.functional.chart import facing
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.reading import AbstractReading, AnswerReading, ShapeReading
-from softfuse.robot.contacts import DiscSettings, PatchSettings
+from softfuse.robot.contacts import ContactSettings, WorkspaceSettings
 from softfuse.robot.laws import materials_of
 from softfuse.robot.press_plan import (
     DiscPlaces,
@@ -71,7 +71,7 @@ def build_series(plan: SweepPlan, config: RobotSettings) -> list[Series]:
 def places_of(config: RobotSettings, series: Series) -> Float[np.ndarray, "c 3 3"]:
     """The places (c, 3, 3) of a series."""
     contact, named = config.contact(), config.places
-    if isinstance(contact, DiscSettings):
+    if contact.direction is not None:
         points = [(*place, 0.0) for place in series.places if not isinstance(place, str)]
         return facing(np.array(points), contact.direction)
     return np.array([named[place] for place in series.places if isinstance(place, str)])
@@ -129,23 +129,24 @@ def _cable_levels(plan: SweepPlan, config: RobotSettings) -> list[tuple[float, .
 
 
 def _place_sets(plan: SweepPlan, config: RobotSettings) -> Sets:
-    places = plan.places
-    match config.contact(), places:
-        case PatchSettings(), ElectrodePlaces():
+    places, contact = plan.places, config.contact()
+    match contact.within, places:
+        case None, ElectrodePlaces():
             return _electrode_sets(places, plan, config)
-        case PatchSettings(), _:
+        case None, _:
             raise ConfigError(
                 f'{plan.path}: places.type: this device is pressed at its electrodes: give "electrodes"'
             )
-        case DiscSettings(), ElectrodePlaces():
+        case _, ElectrodePlaces():
             raise ConfigError(
-                f'{plan.path}: places.type: this device is pressed by a disc: give "grid", "random" or "list"'
+                f'{plan.path}: places.type: this is pressed in a workspace: give "grid", "random" or "list"'
             )
-        case DiscSettings() as contact, RandomPlaces():
+        case within, RandomPlaces():
             _check_count(plan, len(plan.contacts) * places.count * len(plan.forces.all))
-            return list(chain.from_iterable(_random(places, plan, contact, c) for c in plan.contacts))
-        case DiscSettings() as contact, GridPlaces() | ListedPlaces():
-            return _sets_apart(places, plan, contact)
+            apart = _apart(places, contact)
+            return list(chain.from_iterable(_random(places, plan, within, apart, c) for c in plan.contacts))
+        case within, GridPlaces() | ListedPlaces():
+            return _sets_apart(places, plan, within, _apart(places, contact))
     raise AssertionError("every contact has its kinds of places")
 
 
@@ -164,20 +165,19 @@ def _electrode_sets(places: ElectrodePlaces, plan: SweepPlan, config: RobotSetti
 
 
 def _sets_apart(
-    places: GridPlaces | ListedPlaces, plan: SweepPlan, contact: DiscSettings
+    places: GridPlaces | ListedPlaces, plan: SweepPlan, within: WorkspaceSettings, apart: float
 ) -> list[tuple[Disc, ...]]:
     if isinstance(places, GridPlaces):
-        (x, y), (across, along) = _ranges(places, plan, contact), places.count
+        (x, y), (across, along) = _ranges(places, plan, within), places.count
         every = [(a, b) for b in _spread(y, along) for a in _spread(x, across)]
     else:
         every = list(places.at)
-        _check_listed(every, plan, contact)
+        _check_listed(every, plan, within)
     if max(math.comb(len(every), c) for c in plan.contacts) > MOST_CASES:
         raise ConfigError(
             f"{plan.path}: places: {plan.contacts[-1]} contacts on {len(every)} places are too many sets: "
             'give fewer, or type = "random"'
         )
-    apart = _apart(places, contact)
     sets: list[tuple[Disc, ...]] = []
     for c in plan.contacts:
         found = [each for each in combinations(every, c) if _are_apart(each, apart)]
@@ -188,12 +188,11 @@ def _sets_apart(
 
 
 def _random(
-    places: RandomPlaces, plan: SweepPlan, contact: DiscSettings, contacts: int
+    places: RandomPlaces, plan: SweepPlan, within: WorkspaceSettings, apart: float, contacts: int
 ) -> Iterator[tuple[Disc, ...]]:
-    x, y = _ranges(places, plan, contact)
+    x, y = _ranges(places, plan, within)
     low, size = np.array([x[0], y[0]]), np.array([x[1] - x[0], y[1] - y[0]])
     generator = np.random.Generator(np.random.PCG64([places.seed, contacts]))
-    apart = _apart(places, contact)
 
     def draw() -> tuple[Disc, ...]:
         return tuple((a, b) for a, b in (low + size * generator.random((contacts, 2))).tolist())
@@ -209,11 +208,13 @@ def _random(
         yield found[0]
 
 
-def _ranges(places: GridPlaces | RandomPlaces, plan: SweepPlan, contact: DiscSettings) -> tuple[Disc, Disc]:
+def _ranges(
+    places: GridPlaces | RandomPlaces, plan: SweepPlan, within: WorkspaceSettings
+) -> tuple[Disc, Disc]:
     """Of x and of y; within the workspace."""
     ranges = []
     for axis in ("x", "y"):
-        allowed, given = getattr(contact.within, axis), getattr(places, axis)
+        allowed, given = getattr(within, axis), getattr(places, axis)
         if given is not None and (given[0] < allowed[0] or given[1] > allowed[1]):
             raise ConfigError(
                 f"{plan.path}: places.{axis}: beyond contact.workspace, {_millimetres(allowed)}"
@@ -222,18 +223,18 @@ def _ranges(places: GridPlaces | RandomPlaces, plan: SweepPlan, contact: DiscSet
     return ranges[0], ranges[1]
 
 
-def _check_listed(places: list[Disc], plan: SweepPlan, contact: DiscSettings) -> None:
+def _check_listed(places: list[Disc], plan: SweepPlan, within: WorkspaceSettings) -> None:
     for k, place in enumerate(places):
         key = f"{plan.path}: places.at[{k}]"
         for value, axis in zip(place, "xy", strict=True):
-            low, high = allowed = getattr(contact.within, axis)
+            low, high = allowed = getattr(within, axis)
             if not low <= value <= high:
                 raise ConfigError(f"{key}: {axis} is beyond contact.workspace, {_millimetres(allowed)}")
         if place in places[:k]:
             raise ConfigError(f"{key}: this place is given twice")
 
 
-def _apart(places: DiscPlaces, contact: DiscSettings) -> float:
+def _apart(places: DiscPlaces, contact: ContactSettings) -> float:
     return 2 * contact.radius if places.apart is None else places.apart
 
 

@@ -11,9 +11,7 @@ from jaxtyping import Array, Float
 from softfuse.body.body import Body
 from softfuse.errors import ConfigError, SolveError
 from softfuse.mechanics.model import Model, simulate
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.solution import RESULTS
-from softfuse.robot.contacts import DiscSettings
 from softfuse.robot.digest import digest
 from softfuse.robot.robot import Robot
 from softfuse.robot.settings import RobotSettings
@@ -39,11 +37,11 @@ def build_regions(config: RobotSettings) -> AbstractRegions:
     Raises ConfigError when there is not one kind of contact that presses in cells or at named places.
     """
     contact = config.contact()
-    if not isinstance(contact, DiscSettings):
+    if contact.direction is None:
         if not config.places:
             raise ConfigError(
-                f"{config.path}: contact: reduced models are trained for discs in a workspace, or for places "
-                "of electrodes; this contact has neither"
+                f"{config.path}: contact: reduced models are trained for discs in a flat workspace, or for "
+                "places of electrodes; this contact has neither"
             )
         return Spots(np.array(list(config.places.values())))
     low, high = (tuple(end.tolist()) for end in contact.ranges)
@@ -138,9 +136,9 @@ class Teacher:
         if isinstance(self.regions, Cells):
             cell = self.regions[number]
             paths = presses(cell, force, side=given.side, levels=given.levels, near=given.near)
-            contact = self.device.contacts[0]
-            assert isinstance(contact, PunchContact)
-            over = places_over(cell, contact.disc, np.asarray(self.device.body.rest))
+            body = self.device.body
+            (disc,) = self.device.contacts[0].discs(body, jnp.asarray(self._middle(number)))
+            over = places_over(cell, disc, np.asarray(body.rest))
             return paths, [jnp.asarray(place)[None] for place in over]
         place = jnp.asarray(self._middle(number))[None]
         patches = self.device.contacts[0].drives

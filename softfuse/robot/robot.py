@@ -24,7 +24,6 @@ from softfuse.mechanics.gas import SealedGas
 from softfuse.mechanics.load import AbstractContact, AbstractLoad
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
-from softfuse.mechanics.patch import PatchContact
 from softfuse.mechanics.prescribed import PrescribedForce
 from softfuse.mechanics.reading import AbstractReading
 from softfuse.mechanics.volume import VolumePorts
@@ -247,8 +246,8 @@ def _check_electrodes(settings: RobotSettings, body: Body, contacts: Sequence[Ab
     """Raise ConfigError for an electrode that is off the surface on which its contact presses."""
     kinds = {contact.name: kind for contact, kind in zip(settings.contacts, contacts, strict=True)}
     for k, sensor in enumerate(settings.sensors):
-        kind = kinds[sensor.contact] if isinstance(sensor, ElectrodeSettings) else None
-        if isinstance(sensor, ElectrodeSettings) and isinstance(kind, PatchContact):
+        if isinstance(sensor, ElectrodeSettings):
+            kind = kinds[sensor.contact]
             places = jnp.asarray(np.stack([electrode.place() for electrode in sensor.electrodes]))
             lands = np.asarray(jax.vmap(lambda place, on=kind: on.lands(body, place))(places))
             for number in np.flatnonzero(~lands)[:1]:

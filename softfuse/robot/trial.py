@@ -4,7 +4,7 @@ A cable that is shortened is one whose tension is the multiplier (`ShortenedCabl
 equilibrium is that of the cable pulled with that tension, which is the same state of the robot's own model.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +17,7 @@ from softfuse.functional.chart import facing
 from softfuse.functional.workspace import SurfaceWorkspace
 from softfuse.io.quantity import FORCE, LENGTH, PRESSURE, Dimension
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
-from softfuse.mechanics.load import Loads
+from softfuse.mechanics.load import AbstractContact, Loads
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.model import simulate as equilibrium_under
 from softfuse.mechanics.solution import Solution, State, result_name
@@ -34,11 +34,71 @@ _DOWN = (0.0, 0.0, -1.0)
 class Press:
     """A force [N] of a contact, by name, None for the only one, where: "X,Y" in mm of its chart, "X,Y,Z" in
     mm, carried to the nearest point of the surface, or the name of a place or a point.
+
+    tangential_N: along the tangents u and v of the place, of what is pushed in any direction; depth_m: how
+    deep it goes instead of how hard it presses, of what is rigid.
     """
 
     contact: str | None
     at: str
-    force_N: float
+    force_N: float = 0.0
+    tangential_N: tuple[float, float] = (0.0, 0.0)
+    depth_m: float | None = None
+
+    def on(self, kind: AbstractContact, name: str) -> tuple[AbstractContact, Float[np.ndarray, " d"]]:
+        """The contact of a kind and a name as it is driven, and with what (d,); raises SoftfuseError where it
+        cannot be driven so.
+        """
+        aside = kind.shares == 0
+        if any(self.tangential_N) and not aside.any():
+            raise SoftfuseError(
+                f'the contact "{name}" presses along the normal: only one of model = "force" is pushed aside'
+            )
+        if self.depth_m is None:
+            force = self.force_N * kind.shares
+            force[aside] = self.tangential_N if aside.any() else ()
+            return kind, force
+        deep = kind.at_depth()
+        if deep is None:
+            raise SoftfuseError(f'the contact "{name}" is not rigid and has no depth: give a force')
+        return deep, np.array([self.depth_m])
+
+
+def presses_of(
+    contacts: Sequence[str],
+    places: Sequence[str],
+    forces_N: Sequence[float] = (),
+    depths_mm: Sequence[float] = (),
+    tangential_N: Sequence[str] = (),
+) -> tuple[Press, ...]:
+    """The presses of what is given once for each place, either forces or depths, `contacts` and tangential
+    forces "U,V" or none; SoftfuseError where they do not go together.
+    """
+    count, option = len(places), "--depth" if depths_mm else "--force"
+    given = depths_mm or forces_N
+    if len(given) != count or (depths_mm and forces_N):
+        raise SoftfuseError(
+            f"{count} times --at and {len(given)} times {option}: give one of both for each press"
+        )
+    for name, each in (("--contact", contacts), ("--tangential", tangential_N)):
+        if len(each) not in (0, count):
+            raise SoftfuseError(f"{len(each)} times {name} for {count} times --at: give one for each")
+    names: Sequence[str | None] = contacts or [None] * count
+    aside = [_pair(text) for text in tangential_N] or [(0.0, 0.0)] * count
+    deep = [1e-3 * depth for depth in depths_mm] or [None] * count
+    hard = forces_N or [0.0] * count
+    return tuple(
+        Press(name, at, force, push, depth)
+        for name, at, force, push, depth in zip(names, places, hard, aside, deep, strict=True)
+    )
+
+
+def _pair(text: str) -> tuple[float, float]:
+    try:
+        u, v = (float(part) for part in text.split(","))
+    except ValueError:
+        raise SoftfuseError(f'--tangential "{text}": expected two forces in N, U,V') from None
+    return u, v
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +126,16 @@ class Trial:
         Raises SoftfuseError for names that there are not, quantities that are none, or a contact off the
         surface.
         """
-        settings, kinds, places, contacts = robot.settings, [], [], []
+        settings, kinds, places, contacts, forces = robot.settings, [], [], [], []
         for press in presses:
             contact = _contact(robot, press.contact)
             kind = robot.model.contacts[settings.contacts.index(contact)]
             place = _place(robot, contact, press.at)
-            if float(kind.overlap(robot.model.body, jnp.asarray(place))) < 1.0:
+            if not kind.stands(robot.model.body, jnp.asarray(place)):
                 raise SoftfuseError(_overhangs(robot, contact, place))
+            kind, driven = press.on(kind, contact.name)
             kinds.append(kind)
+            forces.append(driven)
             places.append(place)
             contacts.append(contact.name)
         actuators = list(robot.model.actuators)
@@ -95,10 +157,6 @@ class Trial:
         )
         at = np.array(places).reshape(-1, 3, 3)
         drive = np.array(model.rest_state(jnp.asarray(at)).drive)
-        forces = [
-            np.full(kind.drives, press.force_N / kind.drives)
-            for kind, press in zip(kinds, presses, strict=True)
-        ]
         first = sum(len(each) for each in forces)
         drive[:first] = np.concatenate([np.zeros(0), *forces])
         for name, value in prescribed.items():
@@ -134,19 +192,11 @@ class Trial:
         posture = Watched.on(robot).posture(state)
         drives = robot.addresses.drives
         readings = np.asarray(model.reading(state, at))
-        ends = np.cumsum([kind.drives for kind in self.model.contacts])
-        forces = np.split(np.asarray(state.drive)[: ends[-1] if ends.size else 0], ends[:-1])[: len(ends)]
         return {
             "contacts": [
-                {
-                    "contact": name,
-                    "at": press.at,
-                    "place_mm": _mm(place[0]),
-                    "force_N": float(np.sum(force)),
-                    "depth_mm": 1e3 * depth,
-                }
-                for name, press, place, depth, force in zip(
-                    self.contacts, self.presses, self.places, self._depths(state), forces, strict=True
+                {"contact": name, "at": press.at, "place_mm": _mm(place[0]), **pressed}
+                for name, press, place, pressed in zip(
+                    self.contacts, self.presses, self.places, self._pressed(state), strict=True
                 )
             ],
             "cables": {
@@ -183,16 +233,21 @@ class Trial:
             "state": solution.state.lists(),
         }
 
-    def _depths(self, state: State) -> list[float]:
-        """How deep each contact has been pressed in [m], the mean of its parts."""
-        parts = self.model.loads(jnp.asarray(self.places)).parts[: len(self.places)]
-        if not parts:
-            return []
-        touching = Loads(parts)
+    def _pressed(self, state: State) -> Iterator[dict[str, Any]]:
+        """How hard each contact presses along the normal and aside [N], and how deep."""
+        touching = Loads(self.model.loads(jnp.asarray(self.places)).parts[: len(self.places)])
         force, internal = state.force[: touching.sizes.forces], state.internal[: touching.sizes.internal]
-        moved = touching.conjugate(force, internal, touching.values(self.model.body, state.z))
-        ends = np.cumsum([part.sizes.drives for part in parts])[:-1]
-        return [float(each.mean()) for each in np.split(np.asarray(moved), ends)]
+        moved = np.asarray(touching.conjugate(force, internal, touching.values(self.model.body, state.z)))
+        for press, own, kind in zip(
+            self.presses, self.model.owning(len(self.places)).astype(bool), self.model.contacts, strict=True
+        ):
+            given, answer = np.asarray(state.drive)[: len(moved)][own], moved[own]
+            hard, deep = (given, answer) if press.depth_m is None else (answer, given)
+            yield {
+                "force_N": float(hard[kind.shares > 0].sum()),
+                "tangential_N": hard[kind.shares == 0].tolist(),
+                "depth_mm": 1e3 * float(kind.shares @ deep),
+            }
 
     def _pulled(self, state: State) -> State:
         """The state with every cable pulled by its tension."""

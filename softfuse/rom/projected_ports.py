@@ -5,6 +5,7 @@ the springs that support them stiffen the modes by G k Gᵀ. The volumes of cavi
 A disc may press wherever the reduced body watches the nodes: only where it lands is found anew each time.
 """
 
+from dataclasses import replace
 from functools import singledispatch
 
 import equinox as eqx
@@ -16,10 +17,12 @@ from jaxtyping import Array, Float, Int
 from softfuse.body.body import Body
 from softfuse.errors import SolveError
 from softfuse.functional.contact import Contact, ContactSurface, SeenFaces
+from softfuse.functional.skin import Skin
+from softfuse.mechanics.indenters import FlatIndenter, SurfacePatches
 from softfuse.mechanics.load import AbstractContact, AbstractLoad, AbstractPorts, LinearPorts
-from softfuse.mechanics.patch import NormalPatches, PatchContact
+from softfuse.mechanics.patch import NormalPatches
 from softfuse.mechanics.points import AbstractGuides
-from softfuse.mechanics.punch import Punch, PunchContact
+from softfuse.mechanics.punch import Punch
 from softfuse.mechanics.surface_ports import CellPorts, PlacePorts
 from softfuse.mechanics.volume import VolumePorts
 from softfuse.rom.basis import Basis
@@ -111,11 +114,6 @@ class ProjectedPatches(AbstractContact):
         number = jnp.argmin(jnp.sum((self.points - place[0]) ** 2, axis=1))
         return NormalPatches(PlacePorts(self.rest[number], self.slopes[number], self.drives))
 
-    def overlap(self, body, place):
-        """All of it: what a chart is made for lies on the surface."""
-        del body, place
-        return jnp.ones(())
-
 
 class ProjectedDiscs(AbstractContact):
     """Discs anywhere on a surface: `disc` on faces of watched nodes, numbered among these, w otherwise;
@@ -148,16 +146,27 @@ class ProjectedDiscs(AbstractContact):
         cell, along = disc.cells.cell, disc.surface.direction
         return Punch.on(CellPorts(heights, slopes, along, nodes, parts, cell), disc, body)
 
-    def overlap(self, body, place):
-        """All of it: what a chart is made for lies on the surface."""
-        del body, place
-        return jnp.ones(())
+
+def projected_contact(
+    contact: AbstractContact, body: Body, small: ReducedBody, basis: Basis, places: Float[np.ndarray, "e 3 3"]
+) -> AbstractContact:
+    """A contact of a full body on its reduced one of some modes, patches at places (e, 3, 3) only. Raises
+    SolveError where it has no projection.
+    """
+    if isinstance(contact, SurfacePatches):
+        return projected_patches(contact, body, basis, places)
+    return projected_discs(contact, small)
 
 
-def projected_discs(contact: PunchContact, small: ReducedBody) -> ProjectedDiscs:
-    """Discs on a reduced body."""
-    faces, watched, seen, slopes = _seen_by_discs(contact.disc.surface, small)
-    disc = eqx.tree_at(lambda disc: disc.surface.faces, contact.disc, faces)
+def projected_discs(contact: AbstractContact, small: ReducedBody) -> ProjectedDiscs:
+    """Discs on a reduced body. Raises SolveError for what does not press along one direction."""
+    if not isinstance(contact, FlatIndenter) or isinstance(contact.surface, Skin):
+        raise SolveError(
+            "only a body that discs press along one direction, or patches at named places, can be reduced"
+        )
+    faces, watched, seen, slopes = _seen_by_discs(contact.surface, small)
+    surface = replace(contact.surface, faces=faces)
+    disc = Contact(surface, contact.cells, jnp.zeros(3), contact.radius, contact.compliance)
     return ProjectedDiscs(disc, watched, seen, slopes, small.n)
 
 
@@ -171,12 +180,12 @@ def _seen_by_discs(surface: ContactSurface, small: ReducedBody) -> tuple[Array, 
 
 
 def projected_patches(
-    contact: PatchContact, body: Body, basis: Basis, places: Float[np.ndarray, "e 3 3"]
+    contact: SurfacePatches, body: Body, basis: Basis, places: Float[np.ndarray, "e 3 3"]
 ) -> ProjectedPatches:
     """The patches of a full body at places (e, 3, 3) on one of some modes."""
 
     @eqx.filter_jit
-    def frames(contact: PatchContact, body: Body, place: Array) -> PlacePorts:
+    def frames(contact: SurfacePatches, body: Body, place: Array) -> PlacePorts:
         return contact.load(body, place).ports
 
     each = [frames(contact, body, jnp.asarray(place)) for place in places]

@@ -9,14 +9,12 @@ from jaxtyping import Float
 from softfuse.body.body import Body
 from softfuse.errors import SolveError
 from softfuse.functional.cavity import Cavity
-from softfuse.mechanics.load import AbstractContact, Loads
+from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model
-from softfuse.mechanics.patch import PatchContact
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.reading import AbstractReading, ShapeReading
 from softfuse.rom.chart import Chart
 from softfuse.rom.known_inverses import KnownInverses, ReducedDense
-from softfuse.rom.projected_ports import projected_discs, projected_load, projected_patches
+from softfuse.rom.projected_ports import projected_contact, projected_load
 from softfuse.rom.projected_volume import projected_volumes
 from softfuse.rom.projection import project
 from softfuse.rom.rest_stiffness import RestStiffness
@@ -27,9 +25,9 @@ def reduced_model(
 ) -> Model:
     """The model with the body of a chart that was taught by its own, which has that stiffness at rest.
 
-    Chambers become polynomials, actuators and what presses become rows of the modes, patches at e places
-    (3, 3) only; other functionals stay, so that the chart must watch their nodes. Raises SolveError when the
-    body is a reduced one already, an actuator cannot be projected, or the stiffness is singular.
+    Chambers become polynomials, actuators and what presses become rows of the modes, patches at `places` (e,
+    3, 3) only; other functionals stay, so that the chart must watch their nodes. Raises SolveError when the
+    body is a reduced one already, an actuator or a contact cannot be projected, or the stiffness is singular.
     """
     full = model.body
     if not isinstance(full, Body):
@@ -40,13 +38,7 @@ def reduced_model(
     for cavities, reading in volume_readings(model.readings):
         projected = ShapeReading(projected_volumes(cavities, body, chart.reach)) if cavities else reading
         readings.append(projected)
-    contacts: list[AbstractContact] = []
-    for contact in model.contacts:
-        if isinstance(contact, PatchContact):
-            contact = projected_patches(contact, full, chart.basis, pressed)
-        elif isinstance(contact, PunchContact):
-            contact = projected_discs(contact, body)
-        contacts.append(contact)
+    contacts = tuple(projected_contact(each, full, body, chart.basis, pressed) for each in model.contacts)
     actuators = tuple(projected_load(load, full, body, chart) for load in model.actuators)
     # Contacts' ports are linear: they stiffen nothing.
     known = KnownInverses.of(body, Loads(actuators), chart.typical)
@@ -55,7 +47,7 @@ def reduced_model(
         body=body,
         linear=ReducedDense.with_known(body, known),
         readings=tuple(readings),
-        contacts=tuple(contacts),
+        contacts=contacts,
         actuators=actuators,
     )
 

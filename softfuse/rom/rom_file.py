@@ -16,8 +16,6 @@ from softfuse.errors import SoftfuseError
 from softfuse.io.result_folder import put_in_place
 from softfuse.mechanics.load import AbstractContact, AbstractLoad
 from softfuse.mechanics.model import Model
-from softfuse.mechanics.patch import PatchContact
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.reading import AbstractReading, ShapeReading
 from softfuse.mechanics.volume import VolumePorts
 from softfuse.rom.basis import Basis
@@ -110,11 +108,11 @@ def read_device(path: Path, mark: str, full: Model, sizes: Sizes) -> Kept:
         readings.append(reading)
     contacts: list[AbstractContact] = []
     for number, contact in enumerate(full.contacts):
-        if isinstance(contact, PatchContact):
-            contact = _part(ProjectedPatches, f"contact{number}", arrays)
-        elif isinstance(contact, PunchContact):
-            contact = projected_discs(contact, body)
-        contacts.append(contact)
+        name = f"contact{number}"
+        at_places = f"{name}.points" in arrays
+        contacts.append(
+            _part(ProjectedPatches, name, arrays) if at_places else projected_discs(contact, body)
+        )
     actuators = tuple(_actuator(load, f"actuator{k}", arrays) for k, load in enumerate(full.actuators))
     linear = ReducedDense.with_known(body, _part(KnownInverses, "known", arrays))
     device = Model(body, tuple(readings), tuple(contacts), linear, actuators, full.slots)

@@ -15,12 +15,12 @@ from softfuse.calibration.presses import Adjustable, Applied, Presses
 from softfuse.errors import SoftfuseError
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.chart import facing
-from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.contact import ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
+from softfuse.mechanics.indenters import FlatIndenter
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
@@ -49,10 +49,10 @@ def device(mesh: TetMesh) -> Model:
     """Two cavities under a disc of 6 mm."""
     body = Body.from_mesh(mesh, [NeoHookean.from_young(0.3e6, 0.3)], mesh.nodes[:, 2] < 1e-9, element=LINEAR)
     surface = ContactSurface.facing(outer_surface(mesh).faces, mesh.nodes, np.array([0.0, 0.0, -1.0]))
-    disc = Contact(surface, flat_punch(), jnp.zeros(3), jnp.asarray(0.006), 0.3e-9)
+    disc = FlatIndenter(surface, flat_punch(), 0.006, 0.3e-9)
     walls = cavities(mesh, GEOMETRY.centres())
     readings = tuple(ShapeReading(Cavity(jnp.asarray(wall.faces))) for wall in walls)
-    return Model(body, readings, (PunchContact(disc),), Multifrontal.plan(body))
+    return Model(body, readings, (disc,), Multifrontal.plan(body))
 
 
 @pytest.fixture(scope="module")

@@ -70,7 +70,7 @@ def test_the_written_robot_is_the_fitted_one(
         assert np.ptp(fitted.body.factors) > 0.05
         np.testing.assert_allclose(again.body.factors, fitted.body.factors, atol=1e-5)
     (pressed,), (contact,) = again.contacts, fitted.contacts
-    np.testing.assert_allclose(pressed.disc.compliance, contact.disc.compliance, rtol=1e-5)
+    np.testing.assert_allclose(pressed.compliance, contact.compliance, rtol=1e-5)
     gains = [v for name, v in zip(adjustments.names, value, strict=True) if name.endswith("gain")]
     np.testing.assert_allclose(after.sensors[0].gain, np.exp(gains), rtol=1e-5)
 

@@ -10,14 +10,14 @@ from softfuse.design.layout_device import device_at
 from softfuse.errors import SoftfuseError
 from softfuse.functional import Cavity
 from softfuse.functional.chart import facing
-from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.contact import ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
 from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.indenters import FlatIndenter
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.newton import Newton, solve
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.reading import AnswerReading, ShapeReading
 from softfuse.mechanics.solution import RESULTS, State
 from softfuse.mesh.pad import finer_to_the_top
@@ -38,11 +38,11 @@ def sealed(twins, mesh) -> Model:
     made = mesh.mesh(twins.start)
     body = Body.from_mesh(made, [NeoHookean.from_young(0.6e6, 0.49)], made.nodes[:, 2] < 1e-9)
     surface = ContactSurface.facing(outer_surface(made).faces, made.nodes, np.array([0.0, 0.0, -1.0]))
-    contact = Contact(surface, flat_punch((0.7, 1.0), (3, 6)), jnp.zeros(3), jnp.asarray(0.008))
+    contact = FlatIndenter(surface, flat_punch((0.7, 1.0), (3, 6)), 0.008)
     vented, closed = (Cavity(jnp.asarray(wall.faces)) for wall in mesh.walls)
     gas = SealedGas.of((closed,), body, jnp.array([1e-6]))
     readings = ShapeReading(vented), AnswerReading((0,))
-    return Model(body, readings, (PunchContact(contact),), Multifrontal.plan(body), (gas,))
+    return Model(body, readings, (contact,), Multifrontal.plan(body), (gas,))
 
 
 @pytest.mark.slow

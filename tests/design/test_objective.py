@@ -31,13 +31,13 @@ from softfuse.design.objective import (
 from softfuse.design.problem import Problem
 from softfuse.functional import Cavity
 from softfuse.functional.chart import facing
-from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.contact import ContactSurface
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
+from softfuse.mechanics.indenters import FlatIndenter
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.mesh.pad import finer_to_the_top
 from softfuse.mesh.surface import outer_surface
@@ -81,9 +81,9 @@ def vented(mesh, theta) -> Model:
     made = mesh.mesh(theta)
     body = Body.from_mesh(made, [NeoHookean.from_young(0.6e6, 0.49)], made.nodes[:, 2] < 1e-9)
     surface = ContactSurface.facing(outer_surface(made).faces, made.nodes, np.array([0.0, 0.0, -1.0]))
-    contact = Contact(surface, flat_punch((0.7, 1.0), (3, 6)), jnp.zeros(3), jnp.asarray(0.008))
+    contact = FlatIndenter(surface, flat_punch((0.7, 1.0), (3, 6)), 0.008)
     readings = tuple(ShapeReading(Cavity(jnp.asarray(wall.faces))) for wall in mesh.walls)
-    return Model(body, readings, (PunchContact(contact),), Multifrontal.plan(body))
+    return Model(body, readings, (contact,), Multifrontal.plan(body))
 
 
 @pytest.fixture(scope="module")

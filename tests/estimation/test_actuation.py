@@ -16,12 +16,13 @@ from softfuse.estimation.limits import Limits, Rates, within_rates
 from softfuse.estimation.step import Observation, exact_steps, strokes
 from softfuse.functional import Marker, uniform
 from softfuse.functional.chart import facing
+from softfuse.functional.skin import Skin
 from softfuse.material import NeoHookean
 from softfuse.mechanics import RESULTS
 from softfuse.mechanics.cable import PulledCable
 from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.indenters import SurfacePatches
 from softfuse.mechanics.model import Model, simulate
-from softfuse.mechanics.patch import PatchContact
 from softfuse.mechanics.reading import AnswerReading, ShapeReading
 from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.orientation import oriented
@@ -53,7 +54,8 @@ def robot() -> Robot:
     )
     tip = Marker.of(body, np.array([LENGTH, SIDE, SIDE]))
     readings = (ShapeReading(tip), AnswerReading((0, 1)))
-    contact = PatchContact.on(boundary_faces(mesh).faces, uniform(rings=3, angles=8), 0.003)
+    skin = Skin.of(boundary_faces(mesh).faces, mesh.nodes, 4.5e-3)
+    contact = SurfacePatches(skin, uniform(rings=3, angles=8), 0.003)
     device = Model(body, readings, (contact,), Dense.plan(body), (below, left))
     # A trace of regularisation keeps the cables that no target needs at rest.
     return Robot(device, Limits(jnp.zeros(2), jnp.full(2, 20.0), jnp.full(2, 1e-9), motion=jnp.array(3e-3)))
@@ -179,8 +181,8 @@ def test_pushes_on_two_sides_are_told_apart(robot: Robot) -> None:
 def test_a_contact_is_in_the_middle_of_its_place_unless_the_readings_say_otherwise(robot: Robot) -> None:
     """Two patches 10 mm apart whose forces stand for one between them; it presses 2.5 mm beside it."""
     (single,) = robot.device.contacts
-    assert isinstance(single, PatchContact)
-    contact = PatchContact.on(np.asarray(single.faces), single.cells, 0.003, (-5e-3, 5e-3))
+    assert isinstance(single, SurfacePatches)
+    contact = replace(single, offsets=jnp.array([-5e-3, 5e-3]))
     device = replace(robot.device, contacts=(contact,))
     place = jnp.asarray(facing(np.array([[0.043, SIDE, 0.006]]), (0, -1, 0)))
     np.testing.assert_array_equal(place[0, 1], [1, 0, 0])

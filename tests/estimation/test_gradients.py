@@ -19,12 +19,13 @@ from softfuse.estimation.nonlinear import nonlinear_estimate
 from softfuse.estimation.step import Observation
 from softfuse.functional import Cavity, Marker, uniform
 from softfuse.functional.chart import facing
+from softfuse.functional.skin import Skin
 from softfuse.material import NeoHookean
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.gas import SealedGas
+from softfuse.mechanics.indenters import SurfacePatches
 from softfuse.mechanics.model import Model, simulate
-from softfuse.mechanics.patch import PatchContact
 from softfuse.mechanics.reading import AnswerReading, ShapeReading
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
@@ -57,7 +58,8 @@ def pulled() -> Model:
     walls = tuple(Cavity(jnp.asarray(s.faces)) for s in cavities(mesh, GEOMETRY.centres()))
     gas = SealedGas.of(walls, body, jnp.full(2, 1e-6))
     cable = PulledCable.through(body, GUIDES, PULLED_AT)
-    contact = PatchContact.on(outer_surface(mesh).faces, uniform(rings=3, angles=8), 5e-3)
+    skin = Skin.of(outer_surface(mesh).faces, mesh.nodes, 7.5e-3)
+    contact = SurfacePatches(skin, uniform(rings=3, angles=8), 5e-3)
     tip = int(np.argmax(mesh.nodes @ [1.0, 0.1, 0.1]))
     markers = (Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
     readings = (*map(ShapeReading, markers), AnswerReading((0, 1, 2)))

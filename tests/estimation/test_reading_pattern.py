@@ -13,8 +13,8 @@ from softfuse.estimation.touch_by_readings import TouchByReadings, TouchSettings
 from softfuse.functional.chart import FlatChart
 from softfuse.functional.pressure_cells import uniform
 from softfuse.functional.workspace import FlatWorkspace
+from softfuse.mechanics.indenters import SurfacePatches
 from softfuse.mechanics.model import Model, compliance, simulate
-from softfuse.mechanics.patch import PatchContact
 from softfuse.mechanics.prescribed import PrescribedForce
 from softfuse.mechanics.volume import VolumePorts
 
@@ -38,8 +38,7 @@ class Pattern(NamedTuple):
 def patched(plain_device: Model) -> Model:
     """The small device, pressed by a patch of 4 mm."""
     (punch,) = plain_device.contacts
-    faces = np.asarray(punch.disc.surface.faces)
-    patch = PatchContact.on(faces, uniform(rings=2, angles=6), 4 * MM)
+    patch = SurfacePatches(punch.surface, uniform(rings=2, angles=6), 4 * MM)
     return replace(plain_device, contacts=(patch,))
 
 

@@ -86,7 +86,7 @@ def test_channels_are_those_of_the_configuration(sketch, run):
     decoder, received = run(0.5)
     (description,) = decoder.descriptions.values()
     with (ROOT / "configs" / f"{sketch}.toml").open("rb") as file:
-        assert description.name == tomllib.load(file)["device"]["name"]
+        assert description.name == tomllib.load(file)["robot"]["name"]
     assert list(description.names) == channels_of(sketch)
     assert isinstance(received[0].message, DescriptionMessage)
     assert decoder.counts.line.crc_failures + decoder.counts.line.cobs_failures == 1  # the bootloader

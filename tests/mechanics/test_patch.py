@@ -9,10 +9,12 @@ import pytest
 from softfuse.body import LINEAR, Body, mesh_for
 from softfuse.functional import uniform
 from softfuse.functional.chart import facing
+from softfuse.functional.skin import Skin
 from softfuse.material import NeoHookean
 from softfuse.mechanics import RESULTS, Loads, Newton, State, solve
 from softfuse.mechanics.dense import Dense
-from softfuse.mechanics.patch import NormalPatches, PatchContact
+from softfuse.mechanics.indenters import SurfacePatches
+from softfuse.mechanics.patch import NormalPatches
 from softfuse.mesh.surface import boundary_faces
 from softfuse.mesh.tetmesh import tet_mesh
 
@@ -35,9 +37,9 @@ def skin(beam) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def contact(skin) -> PatchContact:
+def contact(beam, skin) -> SurfacePatches:
     """One patch."""
-    return PatchContact.on(skin, uniform(rings=3, angles=8), 3e-3)
+    return SurfacePatches(Skin.of(skin, np.asarray(beam.rest), 4.5e-3), uniform(rings=3, angles=8), 3e-3)
 
 
 @pytest.fixture(scope="module")

@@ -147,10 +147,10 @@ def test_a_layer_is_compliance_that_each_cell_has_for_itself(seed: int) -> None:
 
 def test_under_a_layer_much_softer_than_the_body_pressure_is_uniform(device) -> None:
     soft = 1e4 * 8e-3 / float(device.body.pressure_unit)
-    padded = eqx.tree_at(lambda d: d.contacts[0].disc.compliance, device, jnp.asarray(soft))
+    padded = eqx.tree_at(lambda d: d.contacts[0].compliance, device, jnp.asarray(soft))
     place, force = facing(np.array([[0.004, 0.002, 0.018]]), (0, 0, -1)), jnp.array([2.0])
     state = simulate(padded, place, force).state
-    areas = np.asarray(padded.contacts[0].disc.areas)
+    areas = 8e-3**2 * np.asarray(padded.contacts[0].cells.area)
     np.testing.assert_allclose(areas.sum(), np.pi * 8e-3**2, rtol=1e-12)
     np.testing.assert_allclose(state.force, 2.0 * areas / areas.sum(), rtol=1e-3)
     np.testing.assert_allclose(state.internal[0], soft * 2.0 / areas.sum(), rtol=1e-3)

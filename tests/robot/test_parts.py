@@ -205,12 +205,15 @@ _DESCENDING = "contact[0].surface.x: the first value must not exceed the second"
             'chamber[0].dead_volume: "-1 mm^3" must be greater than or equal to 0',
         ),
         ("exponent = 1.0", "exponent = 0.9", "chamber[0].exponent: 0.9 must be greater than or equal to 1"),
-        (PATCH, 'model = "pinch" #', 'contact[0].model: "pinch" is none of "punch", "uniform", "patch"'),
+        (
+            PATCH,
+            'model = "pinch" #',
+            'contact[0].model: "pinch" is none of "punch", "uniform", "sphere", "cylinder", "patch", "force"',
+        ),
         (
             PATCH,
             'model = "patch"\ndirection = [0, 0, -1] #',
-            "contact[0].direction: unknown key, the known ones are name, radius, max_force, at_once, model, "
-            "surface, span, place_sigma",
+            "contact[0].workspace: missing, needed with direction",
         ),
         (PATCH, 'model = "patch"\nsurface = { x = ["2 mm", "1 mm"] } #', _DESCENDING),
         (

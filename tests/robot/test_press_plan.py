@@ -184,7 +184,7 @@ def test_a_digest_is_of_files_too(write: Write, tmp_path: Path, pad_text: str) -
             "places: 4 contacts on 8100 places are too many",
         ),
         (PAD, RANDOM.replace("20", "600000"), ": these are 1200000 cases: plan at most 1000000"),
-        (PAD, ELECTRODES, 'places.type: this device is pressed by a disc: give "grid", "random" or "list"'),
+        (PAD, ELECTRODES, 'places.type: this is pressed in a workspace: give "grid", "random" or "list"'),
         (PAD, GRID + PALM + "tension = { values = [] }\n", "cable[0].tension.values: the list is empty"),
         (PAD, GRID + PALM, "cable[0]: give either shortening or tension"),
         (PAD, GRID + PALM + 'tension = { values = ["1 N"] }\n', "cable[0].name: "),

@@ -15,9 +15,8 @@ from softfuse.functional.chart import direction_of
 from softfuse.functional.contact import Contact
 from softfuse.mechanics.cable import PulledCable
 from softfuse.mechanics.gas import SealedGas
-from softfuse.mechanics.patch import PatchContact
+from softfuse.mechanics.indenters import FlatIndenter, SurfacePatches
 from softfuse.mechanics.prescribed import PrescribedForce
-from softfuse.mechanics.punch import PunchContact
 from softfuse.mesh.surface import outer_surface
 from softfuse.robot.contacts import PatchSettings
 from softfuse.robot.file import load
@@ -139,7 +138,7 @@ def test_each_chamber_has_a_gas_of_its_own(edited: Edited, mesh: RobotMesh) -> N
     assert [parts[name].sealed for name in names] == [True, False, True, False, True, True]
 
 
-def _check_frames(contact: PatchContact, robot: Robot) -> None:
+def _check_frames(contact: SurfacePatches, robot: Robot) -> None:
     (contact_settings,) = robot.settings.contacts
     assert isinstance(contact_settings, PatchSettings)
     (electrodes,) = [sensor for sensor in robot.settings.sensors if sensor.places]
@@ -148,7 +147,8 @@ def _check_frames(contact: PatchContact, robot: Robot) -> None:
     for electrode in electrodes.electrodes:
         place = electrode.place()
         middles = np.array(electrode.centre) + np.outer(span * np.array([-0.5, 0.5]), [1.0, 0, 0])
-        for patch, middle in zip(contact.at(jnp.asarray(place)), middles[: contact.drives], strict=True):
+        patches = contact.discs(robot.model.body, jnp.asarray(place))
+        for patch, middle in zip(patches, middles[: contact.drives], strict=True):
             frame = np.asarray(FRAME(patch, robot.model.body)[0])
             np.testing.assert_allclose(frame[:3], middle, atol=1e-12)
             np.testing.assert_allclose(np.cross(frame[3:6], frame[6:9]), electrode.direction, atol=1e-12)
@@ -157,7 +157,7 @@ def _check_frames(contact: PatchContact, robot: Robot) -> None:
 
 def test_patches_are_on_the_electrodes_and_press_inwards(robot: Robot) -> None:
     (contact,) = robot.model.contacts
-    assert isinstance(contact, PatchContact)
+    assert isinstance(contact, SurfacePatches)
     np.testing.assert_allclose(contact.offsets, [-5e-3, 5e-3])
     assert contact.drives == 2 and float(contact.radius) == 4e-3
     assert not robot.unseen.any() and robot.workspaces == (None, None)
@@ -168,7 +168,7 @@ def test_a_contact_without_a_span_presses_in_the_middle(robot: Robot, mesh: Robo
     (contact,) = robot.settings.contacts
     middle = contact.model_copy(update={"span": None})
     pressed = middle.contact(outer_surface(mesh.mesh).faces, mesh.mesh.nodes)
-    assert isinstance(pressed, PatchContact) and pressed.drives == 1
+    assert isinstance(pressed, SurfacePatches) and pressed.drives == 1
     _check_frames(pressed, replace(robot, settings=robot.settings.model_copy(update={"contacts": (middle,)})))
 
 
@@ -177,10 +177,10 @@ def test_a_punch_has_the_layer_that_is_given(coarse: Path) -> None:
     contact = contact.model_copy(update={"compliance": 0.5e-9})
     rest, faces = np.array([[0, 0, 1.0], [1, 0, 1], [0, 1, 1]]), np.array([[0, 1, 2]])
     punch = contact.contact(faces, rest)
-    assert isinstance(punch, PunchContact)
-    assert float(punch.disc.compliance) == 0.5e-9
+    assert isinstance(punch, FlatIndenter)
+    assert float(punch.compliance) == 0.5e-9
     real = contact.real(0.1e-9).contact(faces, rest)
-    assert float(real.disc.compliance) == pytest.approx(0.6e-9)
+    assert float(real.compliance) == pytest.approx(0.6e-9)
 
 
 def test_points_and_centreline_are_in_the_material(robot: Robot) -> None:

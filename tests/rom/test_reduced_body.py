@@ -311,7 +311,7 @@ def test_the_estimator_finds_forces_with_it_unchanged(device, taught) -> None:
 
 def test_forces_on_nodes_that_nothing_watches_are_not_lost_without_a_word(device, taught, stiffness) -> None:
     body = device.body
-    top = np.unique(np.asarray(device.contacts[0].disc.surface.faces))
+    top = np.unique(np.asarray(device.contacts[0].surface.faces))
     reduced = project(body, stiffness, taught.chart._replace(watched=top))
     below = np.setdiff1d(np.arange(body.n_nodes), top)[:2]
     z = jnp.asarray(taught.states[0])

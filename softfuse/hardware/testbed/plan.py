@@ -11,7 +11,6 @@ from softfuse.hardware.testbed.bench import Origin, workspace_of
 from softfuse.hardware.testbed.files import done_already
 from softfuse.hardware.testbed.places import Point, grid, read_places
 from softfuse.hardware.testbed.procedure import PressSettings
-from softfuse.robot.contacts import DiscSettings
 from softfuse.robot.robot import require_sensors
 from softfuse.robot.settings import RobotSettings
 
@@ -53,14 +52,14 @@ def places_wanted(config: RobotSettings, count: tuple[int, int], file: Path | No
     if file is not None:
         return read_places(file)
     require_sensors(config)
-    contact = config.contact()
-    if not isinstance(contact, DiscSettings):
+    within = config.contact().within
+    if within is None:
         raise ConfigError(
-            f"{config.path}: contact: a disc with a workspace is needed for a grid; or give --places"
+            f"{config.path}: contact: one in a flat workspace is needed for a grid; or give --places"
         )
     if min(count) < 1:
         raise ConfigError(f"a grid of {count[0]} by {count[1]} places has none: give 1 or more of each")
-    return grid(contact.within.x, contact.within.y, count)
+    return grid(within.x, within.y, count)
 
 
 def moves(plan: Plan) -> Iterator[str]:
