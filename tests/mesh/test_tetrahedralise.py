@@ -36,7 +36,10 @@ def test_a_cavity_stays_empty(hole: trimesh.Trimesh, tmp_path: Path, monkeypatch
     check(mesh)
     assert volumes(mesh).sum() == pytest.approx(BLOCK.volume - hole.volume, rel=2e-3)
     (wall,) = cavities(mesh, np.array([[0.005, -0.002, 0.001]]))
-    assert enclosed_volume(mesh.nodes, wall.faces) == pytest.approx(hole.volume, rel=1e-2)
+    # Within its curved edges: straight ones cut off as much of a sphere as the envelope has room for.
+    assert float(Cavity(jnp.asarray(wall.faces))(jnp.asarray(mesh.nodes))) == pytest.approx(
+        hole.volume, rel=4e-3
+    )
     np.testing.assert_allclose(centroid(mesh.nodes, wall.faces), hole.center_mass, atol=1e-4)
     assert mean_ratios(mesh).min() > 0.1
     assert list(tmp_path.iterdir()) == [] and capfd.readouterr() == ("", "")
@@ -93,7 +96,7 @@ def test_nodes_that_would_flatten_a_tetrahedron_stay_back() -> None:
 def test_inserts_get_their_own_region_with_faces_on_their_outline() -> None:
     rod = trimesh.creation.box((0.006, 0.02, 0.01)).apply_translation((0.01, 0, 0))
     plate = trimesh.creation.box((0.01, 0.02, 0.004)).apply_translation((-0.01, 0, 0))
-    mesh = tetrahedralise(shell(BLOCK), 0.006, inserts=[shell(rod), shell(plate)])
+    mesh = tetrahedralise(shell(BLOCK), 0.006, inserts=[shell(rod), shell(plate)], envelope=1e-3)
     size = np.bincount(mesh.region, weights=volumes(mesh))
     expected = [BLOCK.volume - rod.volume - plate.volume, rod.volume, plate.volume]
     assert size == pytest.approx(expected, rel=1e-3)
