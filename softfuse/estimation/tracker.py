@@ -25,14 +25,12 @@ from softfuse.estimation.estimator import Estimate, Estimator
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.model_error import AS_DRAWN, ModelError, whitening
 from softfuse.estimation.model_offset import ModelOffset
-from softfuse.estimation.pattern_search import PatternSearch
 from softfuse.estimation.place_search import Placed, PlaceSearch, Seen, as_seen
 from softfuse.estimation.posterior import posterior_covariance
-from softfuse.estimation.reading_pattern import PatternFit
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation as Aim
-from softfuse.estimation.touch_by_readings import TouchByReadings
 from softfuse.estimation.tracked import Evidence, Frame, Tracked, along
+from softfuse.estimation.unseen_touch import UnseenTouch
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
 from softfuse.robot.robot import Robot
@@ -89,7 +87,6 @@ class Tracker:
             else:
                 self.estimator = Estimator(model, limits, places, steps, places_known=known)
         self._search = None if known else PlaceSearch(robot.workspaces)
-        self._patterns = PatternSearch(robot, self.estimator)
         self._misses = self._search is not None and (robot.suite.misses or robot.unseen.any())
         self.compile_s = time.perf_counter() - started
         self._limits, self._upper = limits, np.asarray(limits.upper)
@@ -98,6 +95,7 @@ class Tracker:
         """(c, F): a contact's forces along its normal together, of its drives, which are the first F."""
         self._owning = self.estimator.device.owning(count)
         self._split = self.adding.shape[1]
+        self._unseen = UnseenTouch(robot, self.estimator, self.drive_range[self._split :])
         self.drift = robot.suite.drift
         """How readings drift while something presses; None where they do not."""
         free = self._upper[self._split :] > self._lower[self._split :]
@@ -133,11 +131,7 @@ class Tracker:
         readings = self.estimator.device.n_readings
         self._offset = ModelOffset.none(readings)
         self._force_N = np.zeros(len(self.adding))
-        self._unexplained = np.full(readings, np.nan)
-        self._unpressed, self._attached = np.zeros(readings), np.zeros(len(self._upper) - self._split)
-        self._uncertain = np.zeros((readings, readings))
-        self._patterns.reset()
-        self._touch = TouchByReadings()
+        self._unseen.reset()
         self._command = np.zeros(len(self._commanded))
         if self._search is not None:
             self._search.reset()
@@ -176,8 +170,8 @@ class Tracker:
         if self._misses:
             self._begun_s = min(self._begun_s, time_s)
             if time_s - self._begun_s > _AT_LEISURE_S:
-                self._patterns.prepare()
-        if seen.pressing.any() or attached or self.robot.unseen.any():
+                self._unseen.prepare()
+        if seen.pressing.any() or attached or self._unseen.alone:
             found = self._estimate(now, seen, time_s)
             said += found.doubts
         elif not touching.any():
@@ -213,44 +207,20 @@ class Tracker:
         pressing = np.array(now.pressing)
         location, sigma = np.array(now.location_m), np.array(now.location_sigma_m)
         unseen = pressing & np.isnan(location).any(axis=1)
-        if self._touch.touching:
-            pressing[self._by_readings] = unseen[self._by_readings] = True
+        if self._unseen.touching:
+            pressing[self._unseen.slot] = unseen[self._unseen.slot] = True
         for c in np.flatnonzero(unseen):
             workspace = self.robot.workspaces[c]
             if not np.isfinite(sigma[c]).all() and workspace is not None:
                 sigma[c] = workspace.extent_m
         return Seen(pressing, unseen, np.array(now.places), location, sigma)
 
-    @property
-    def _by_readings(self) -> int:
-        """The contact that readings alone tell of."""
-        return int(np.argmax(self.robot.unseen))
-
     def _follow_unseen(self, seen: Seen, covariance: Float[np.ndarray, "c c"]) -> None:
         """Whether what readings alone tell of has begun or gone."""
-        if not self.robot.unseen.any():
-            return
-        c = self._by_readings
-        if self._touch.touching:
-            self._touch.ends(self._force_N[c], float(np.sqrt(covariance[c, c])))
-        elif not seen.pressing[c] and np.isfinite(self._unexplained).any():
-            self._touch.begins(self._fit())
-
-    def _follow_unpressed(self, modelled: Float[np.ndarray, " k"], found: Estimate, pressed: bool) -> None:
-        """What the model would read if nothing pressed: in frames like that what it does read, in others that
-        and what actuators have added since.
-        """
-        attached = np.asarray(found.drive)[self._split :]
-        by_drive = np.asarray(found.report.compliance)[:, self._split :]
-        self._unpressed = self._unpressed + by_drive @ (attached - self._attached) if pressed else modelled
-        self._attached = attached
-
-    def _fit(self) -> PatternFit:
-        """How well presses all over explain what nothing else did in the last frame."""
-        attached = np.nan_to_num(np.asarray(self.state.drive)[self._split :])
-        part = attached / np.maximum(self.drive_range[self._split :], np.finfo(float).tiny)
-        still = part[self.drive_range[self._split :] > 0]
-        return self._patterns.fit(still, self._unexplained, self._uncertain, fresh=not self._force_N.any())
+        if self._unseen.alone:
+            c, pressed = self._unseen.slot, bool(self._force_N.any())
+            sigma = float(np.sqrt(covariance[c, c]))
+            self._unseen.follow(self._force_N[c], sigma, seen=bool(seen.pressing[c]), pressed=pressed)
 
     def _limits_now(self, pressing: Bool[np.ndarray, " c"]) -> Limits:
         """The limits in a frame: only contacts that press have a force, what is commanded is known."""
@@ -269,9 +239,9 @@ class Tracker:
         return limits._replace(lower=lower, upper=upper)
 
     def _estimate(self, now: Observation, seen: Seen, time_s: float) -> _Estimated:
-        clear, valid = bool(now.clear) and not self._touch.touching, np.asarray(now.valid)
+        clear, valid = bool(now.clear) and not self._unseen.touching, np.asarray(now.valid)
         # What is taken for a model's error where no sensor sees contacts may be a contact.
-        learns = clear and not self.robot.unseen.any()
+        learns = clear and not self._unseen.alone
         reading = np.asarray(now.reading if learns else now.reading - self._offset.at(self._stroke))
         limits = self._limits_now(seen.pressing)
         allowed = np.asarray(limits.upper) > 0
@@ -281,11 +251,10 @@ class Tracker:
         uncertain = self._model_error(seen).covariance(
             np.where(valid, reading, 0.0), np.asarray(now.sigma), places, self._force_N
         )
-        self._uncertain = uncertain
+        self._unseen.read(reading, valid, uncertain)
         if search is not None:
             lone = seen.pressing.sum() == 1 and bool((seen.pressing & seen.unseen).any())
-            self._unexplained = np.where(valid, reading - self._unpressed, np.nan)
-            fit = self._fit() if lone else None
+            fit = self._unseen.fit(fresh=not self._force_N.any()) if lone else None
             if search.seek(seen, self._told(seen), self._force_N, fit) and len(self._upper) == self._split:
                 self.estimator.reset()
             if search.sought:
@@ -295,16 +264,14 @@ class Tracker:
         if found.lost:
             if search is not None:
                 search.reset()
-            self._touch.reset()
-            self._unexplained[:] = np.nan
+            self._unseen.lose()
             unknown = allowed & (np.arange(len(allowed)) < self._split)
             drive = np.where(unknown, np.nan, np.where(allowed, found.drive, 0.0))
             nothing = np.where(unknown[:, None] | unknown, np.nan, 0.0)
             lost = self._nothing(now, seen)
             return lost._replace(drive=drive, covariance=nothing, evidence=None, doubts=[Status.inverted])
         self._stroke = float(np.linalg.norm((reading - found.misfit)[self._strokes]))
-        self._follow_unpressed(reading - found.misfit, found, bool(seen.pressing.any()))
-        self._unexplained = np.where(valid, reading - self._unpressed, np.nan)
+        self._unseen.model(reading - found.misfit, found, self._split)
         elapsed = time_s - self._seen_s
         if elapsed > 0:  # not where the time is missing or does not increase
             self._seen_s = time_s
@@ -366,7 +333,7 @@ class Tracker:
     def _model_error(self, seen: Seen) -> ModelError:
         """By how much the model may be wrong; where only readings tell of a contact, never by nothing."""
         given = replace(self.settings.model_error, kind=self.robot.reading_kinds)
-        alone = seen.unseen.any() or self.robot.unseen.any()
+        alone = seen.unseen.any() or self._unseen.alone
         return replace(AS_DRAWN, kind=given.kind) if given.part == 0 and self._search and alone else given
 
     def _told(self, seen: Seen) -> Bool[np.ndarray, " c"]:
