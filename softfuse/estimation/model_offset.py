@@ -15,6 +15,8 @@ from jaxtyping import Bool, Float
 
 _LARGEST_RATIO = 2.0
 """Beyond so many times the strokes that it was learned at, the offset is not extrapolated [-]."""
+_LEAST_STROKE_M = 1e-5
+"""Strokes of a smaller norm are none: what is left of them is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,7 @@ class ModelOffset:
 
     def at(self, stroke: float) -> Float[np.ndarray, " k"]:
         """b (k,) at strokes of a norm in m; b₀ where nothing was pulled when it was learned."""
-        ratio = stroke / self.stroke if self.stroke > 0 else 1.0
+        ratio = stroke / self.stroke if self.stroke > _LEAST_STROKE_M else 1.0
         return self.reading * min(ratio, _LARGEST_RATIO)
 
     def learned(

@@ -21,9 +21,10 @@ def test_it_grows_with_the_strokes_but_not_for_ever() -> None:
 
 
 def test_without_a_stroke_it_is_the_zero_of_the_sensors() -> None:
-    offset = ModelOffset.none(2).learned(MISFIT, KNOWN, 0.0, 1.0)
-    np.testing.assert_allclose(offset.at(0.0), MISFIT)
-    np.testing.assert_allclose(offset.at(1e-2), MISFIT)
+    for stroke in (0.0, 1e-18):  # as rounding leaves it
+        offset = ModelOffset.none(2).learned(MISFIT, KNOWN, stroke, 1.0)
+        np.testing.assert_allclose(offset.at(0.0), MISFIT)
+        np.testing.assert_allclose(offset.at(1e-2), MISFIT)
 
 
 def test_a_reading_that_is_lost_keeps_what_was_known_of_it() -> None:
