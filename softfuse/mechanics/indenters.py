@@ -176,7 +176,9 @@ class SurfacePatches(AbstractContact):
     def discs(self, body, place):
         """The patches."""
         return [
-            disc_at(self.surface, self.cells, self.radius, body, place.at[0].add(offset * place[1]))
+            disc_at(
+                self.surface, self.cells, self.radius, body, jnp.asarray(place).at[0].add(offset * place[1])
+            )
             for offset in self.offsets
         ]
 
