@@ -29,6 +29,13 @@ _SMALLEST_DAMPING = 1 / 64
 _LEFT_OF_VOLUME = 0.1
 """What a step leaves of the volume at any quadrature point [-]."""
 
+_FLAT = 1e-3
+"""Volume over that at rest below which an element is as good as inside out [-]."""
+
+_BALANCED = 1e-6
+"""Part of what pushes a body that may be left out of balance: where elements become flat, stresses that are
+unknowns of their own make steps short that are not near any equilibrium."""
+
 _PATIENCE = 6
 """Iterations after which a step is shorter than the first, or the search is given up."""
 
@@ -171,11 +178,16 @@ def _iterate(
     pushing = linear.rows[:, loads.carrying] @ (force - state.force) - linear.unbalanced
     # What a stable body gives way to does work on it.
     stable = (pushing * body.signs) @ step > 0
+    pushed = linear.rows[:, loads.carrying] @ state.force
+    largest = jnp.max(jnp.abs(jnp.append(pushed, body.weight)))
+    negligible_N = _BALANCED * largest + body.pressure_unit * body_size(body) * tolerance
+    balanced = jnp.max(jnp.abs(linear.unbalanced)) <= negligible_N
     smooth = stable & (length <= _FLOW_STEP * body_size(body)) & (damping == 1.0)
     taken = jnp.where(flowing & ~smooth, 0.0, damping)
     drag = at.drag * jnp.where(smooth, 1 / 3, 8.0)
+    after = moved(taken)
     return Increment(
-        moved(taken),
+        after,
         jax.tree.map(lambda new, old: jnp.where(at.count == 0, new, old), (step, along[:, 0]), at.first),
         along[:, 0],
         taken * step,
@@ -184,7 +196,7 @@ def _iterate(
         drag,
         damping,
         at.count + 1,
-        damping < 1.0,
+        (damping < 1.0) | (jnp.min(body.volume_ratios(after.z)) < _FLAT),
         # A step that was damped is not the last one, however short.
-        (length <= tolerance) & (taken == 1.0) & (at.drag <= negligible),
+        (length <= tolerance) & (taken == 1.0) & (at.drag <= negligible) & balanced,
     )
