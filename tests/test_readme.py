@@ -23,7 +23,8 @@ def ran(number: int, monkeypatch: pytest.MonkeyPatch) -> dict:
 def test_the_example_presses(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
     names = ran(0, monkeypatch)
     volumes, w_va = np.asarray(names["volumes"]), np.asarray(names["w_va"])
-    assert w_va.shape == (4, 1) and w_va.max() < 0
+    # The chamber under the press closes most; one beside it may grow.
+    assert w_va.shape == (4, 1) and w_va.min() < -1e-8 and np.abs(w_va).max() == -w_va.min()
     # Softer the less a chamber is closed already: a secant is between slopes.
     np.testing.assert_allclose(volumes, 5.0 * w_va[:, 0], rtol=0.1, atol=1e-9)
     assert capsys.readouterr().out.startswith("[")
