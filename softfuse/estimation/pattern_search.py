@@ -11,8 +11,6 @@ from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.push_response import push_response
 from softfuse.estimation.reading_pattern import PatternFit, pattern_fit
 from softfuse.estimation.reduced_estimator import ReducedEstimator
-from softfuse.mechanics.load import Loads
-from softfuse.mechanics.solution import State
 from softfuse.robot.robot import Robot
 
 _SIDE = 13
@@ -88,6 +86,5 @@ class PatternSearch:
         workspace = robot.workspaces[slot]
         assert workspace is not None  # the tracker has told
         places, pitch = workspace.grid(_SIDE)
-        rest = State.rest(model.body, Loads(model.actuators))
-        slopes = np.asarray(push_response(model, jnp.asarray(places), rest, slot))
+        slopes = np.asarray(push_response(model, jnp.asarray(places), model.rest_state(()), slot))
         return _Pattern(places, pitch, slot, slopes)

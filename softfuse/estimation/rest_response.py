@@ -22,7 +22,6 @@ from softfuse.functional.chart import moved
 from softfuse.mechanics.interface import slopes
 from softfuse.mechanics.linear_solver import Solve
 from softfuse.mechanics.linearised import Coupled, coupled, linearise, settled_on, unbalanced
-from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.newton import tangent_at
 from softfuse.mechanics.solution import State
@@ -48,7 +47,7 @@ def rest_response(device: Model, places: Array) -> RestResponse:
     still, inverse = _still(device, places)
 
     def one(place):
-        press = Press.at(device, still, inverse, place, _held_at_rest(still))
+        press = Press.at(device, still, inverse, place, still.rest_state(()))
         return press.felt(press.answer())
 
     return jax.lax.map(one, places)
@@ -66,7 +65,7 @@ def place_response(
     still, inverse = _still(device, places)
 
     def one(place):
-        press = Press.at(device, still, inverse, place, _held_at_rest(still))
+        press = Press.at(device, still, inverse, place, still.rest_state(()))
         answer = press.answer()
         turned = [press.felt(press.moved(answer, axis)).by_force for axis in jnp.eye(2)]
         return press.felt(answer), jnp.stack(turned, axis=-1)
@@ -78,11 +77,6 @@ def _still(device: Model, places: Array) -> tuple[Model, Solve]:
     """The device without derivatives, and K⁻¹ at rest."""
     still, first = jax.lax.stop_gradient((device, places[:1]))
     return still, tangent_at(still.linear, still.body, still.loads(first), still.rest_state(first))
-
-
-def _held_at_rest(device: Model) -> State:
-    """The undeformed state of body and actuators."""
-    return State.rest(device.body, Loads(device.actuators))
 
 
 class Press(eqx.Module):

@@ -22,7 +22,7 @@ class UnseenTouch:
         self, robot: Robot, estimator: Estimator | ReducedEstimator, attached_range: Float[np.ndarray, " a"]
     ):
         """`attached_range` (a,): how far what is attached, such as actuators, may be driven, in its units."""
-        self._patterns = PatternSearch(robot, estimator)
+        self._patterns, self._touch = PatternSearch(robot, estimator), TouchByReadings()
         self._readings, self._range = estimator.device.n_readings, attached_range
         self.alone = bool(robot.unseen.any())
         """Whether there is a contact that no sensor ever sees."""
@@ -33,7 +33,6 @@ class UnseenTouch:
     def reset(self) -> None:
         """Forget the past: nothing has been read, nothing touches."""
         self._patterns.reset()
-        self._touch = TouchByReadings()
         self._unpressed, self._attached = np.zeros(self._readings), np.zeros(len(self._range))
         self.lose()
 

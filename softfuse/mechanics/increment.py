@@ -154,7 +154,8 @@ def _iterate(
     force = linear.held.force(settled.force, y)
     step = linear.step(settled.force)
     slope = slopes(linear.held, (settled.force, settled.internal), y, state.drive)
-    along, _ = coupled(loads, linear, slope).respond(sagged, -(slope.drive @ target.change)[:, None])
+    system = coupled(loads, linear, slope)
+    along, _ = system.respond(sagged, -(slope.drive @ target.change)[:, None])
     length = jnp.where(settled.found, jnp.max(jnp.abs(body.motion(step))), jnp.nan)
 
     def moved(damping):
@@ -175,11 +176,10 @@ def _iterate(
         lambda damping: damping / 2,
         jnp.array(1.0),
     )
-    pushing = linear.rows[:, loads.carrying] @ (force - state.force) - linear.unbalanced
+    pushing = system.pushed @ (force - state.force) - linear.unbalanced
     # What a stable body gives way to does work on it.
     stable = (pushing * body.signs) @ step > 0
-    pushed = linear.rows[:, loads.carrying] @ state.force
-    largest = jnp.max(jnp.abs(jnp.append(pushed, body.weight)))
+    largest = jnp.max(jnp.abs(jnp.append(system.pushed @ state.force, body.weight)))
     negligible_N = _BALANCED * largest + body.pressure_unit * body_size(body) * tolerance
     balanced = jnp.max(jnp.abs(linear.unbalanced)) <= negligible_N
     smooth = stable & (length <= _FLOW_STEP * body_size(body)) & (damping == 1.0)
