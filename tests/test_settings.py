@@ -38,9 +38,7 @@ def all_settings() -> list[type[Settings]]:
 def _checks(node: ast.AST) -> bool:
     if not isinstance(node, ast.FunctionDef):
         return False
-    names = {
-        part.id for each in node.decorator_list for part in ast.walk(each) if isinstance(part, ast.Name)
-    }
+    names = {part.id for each in node.decorator_list for part in ast.walk(each) if isinstance(part, ast.Name)}
     return bool(names & CHECKS)
 
 
