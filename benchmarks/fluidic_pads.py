@@ -1,0 +1,345 @@
+"""How well one model fits presses on real fluidic tactile pads, channels of air with pressure sensors.
+
+    .venv/bin/python benchmarks/fluidic_pads.py --fit DIR --test DIR --json FILE [--tables FOLDER]
+
+DIR holds tables `presses_1d_air_1p5mm.csv` and `peaks_1d_air_1p5mm.csv` of pads by Goshtasbi et al. (Nature
+Communications 2026, DOI 10.1038/s41467-026-72497-3), one for each diameter of the channel. Unknown, and
+fitted to all of them together: Young's modulus, the volume of the tubes, the thickness of the pad with the
+channel in its middle, and by how much the depth's zero is off. Where --fit and --test are one folder, each
+place is predicted from the others.
+
+A pad is pressed by a sphere of 4 mm. Its forces are in proportion to Young's modulus E, and forces and
+volumes depend on the gas by p / E alone; so they are computed once for some depths, places, pressures and
+thicknesses and interpolated, and the gas follows from the volume, p_a V = (p_a + p) (V + ΔV). --tables keeps
+them.
+
+Told are root mean squares over the presses before the channel's walls touch, in parts of the largest value of
+the diameter's tables: of pressure and force as functions of depth, and of the force that the pressures tell
+where the place is known. After that, pads tell where they are pressed, and `closed` will say how well.
+"""
+
+import argparse
+import csv
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator, RegularGridInterpolator
+from scipy.optimize import brentq, least_squares
+
+import softfuse as sf
+from softfuse.mesh.files import write_mesh
+from softfuse.robot.file import parse
+from softfuse.robot.layout.cavity_shape import CavityShape
+from softfuse.robot.layout.layout_drawing import LayoutDrawing
+from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh
+from softfuse.robot.layout.profile import RoundedBox
+
+MM, KPA = 1e-3, 1e3
+LENGTH, WIDTH, CHANNEL = 100 * MM, 20 * MM, 92 * MM
+ATMOSPHERE_PA, YOUNG_PA = 101.325 * KPA, 1e6
+CLOSED_M = {1.0: 1.35 * MM, 1.5: 1.7 * MM, 2.0: 1.95 * MM}
+"""Depths from which the walls touch, by the diameter in mm."""
+APART_PA = 100.0
+"""Difference of the two ends' pressures from which the channel is closed."""
+
+THICKNESSES_M = np.array([5.0, 6.0, 7.0]) * MM
+PLACES_M = np.array([0.0, 30.0, 40.0]) * MM
+"""From the middle; both halves are alike."""
+DEPTHS = np.array([0.5, 0.65, 0.8, 0.9, 1.0, 1.08])
+"""In parts of that at which the channel closes."""
+STRETCHES = np.array([0.0, 0.01])
+"""Gauge pressures over Young's modulus."""
+
+FINE_M, GROWTH, CLOSE_M, BASE_M = 0.9 * MM, 0.6, 2.0 * MM, 20 * MM
+"""Longest edges near the press, their growth per distance beyond, and boxes of the grid."""
+
+CONFIG = """
+[robot]
+name = "Fluidic pad"
+[body.source]
+type = "mesh"
+file = "{file}"
+unit = "m"
+[[body.material]]
+law = "neo-hookean"
+young = "{young} Pa"
+poisson = 0.49
+[body.fixed]
+z = ["0 mm", "0 mm"]
+[[chamber]]
+name = "channel"
+centre = ["0 mm", "0 mm", "{middle} mm"]
+gas = "driven"
+highest = "1 MPa"
+[[contact]]
+name = "ball"
+model = "sphere"
+radius = "4 mm"
+max_force = "100 N"
+surface = {{ normal = [0, 0, 1], angle = "20 deg" }}
+"""
+
+
+class Press(NamedTuple):
+    """A press as measured: its file, diameter in mm, place from the channel's middle [m], depth [m], gauge
+    pressures of both ends [Pa], force [N].
+    """
+
+    file: str
+    diameter: float
+    at_m: float
+    depth_m: float
+    ends_Pa: tuple[float, float]
+    force_N: float
+
+    @property
+    def pressure_Pa(self) -> float:
+        """Of the open channel."""
+        return 0.5 * sum(self.ends_Pa)
+
+    @property
+    def open(self) -> bool:
+        """Whether the walls do not touch."""
+        left, right = self.ends_Pa
+        return self.depth_m < CLOSED_M[self.diameter] and abs(left - right) <= APART_PA
+
+
+def read(folder: Path) -> list[Press]:
+    """All presses of a folder's tables of air of which the depth is known."""
+    found = []
+    for path in sorted(folder.glob("p*_1d_air_*mm.csv")):
+        whole = re.fullmatch(r"(presses|peaks)_1d_air_(\d)p(\d)mm", path.stem)
+        if whole is None:
+            continue
+        suffix = "_early" if whole[1] == "presses" else ""
+        with path.open(newline="") as file:
+            found += [
+                Press(
+                    path.name,
+                    float(f"{whole[2]}.{whole[3]}"),
+                    (float(row["X_mm"]) - 50.0) * MM,
+                    float(row["depth_mm"]) * MM,
+                    (float(row[f"Pl{suffix}_kPa"]) * KPA, float(row[f"Pr{suffix}_kPa"]) * KPA),
+                    float(row[f"F{suffix}_N"]),
+                )
+                for row in csv.DictReader(file)
+                if row["depth_mm"]
+            ]
+    if not found:
+        raise SystemExit(f"{folder}: no tables such as presses_1d_air_1p5mm.csv")
+    return found
+
+
+def mesh(diameter: float, thickness: float, at: float, path: Path) -> None:
+    """Write a pad with a round channel, fine from the place that is pressed down to the channel."""
+    shape, half = CavityShape(RoundedBox()), 0.5 * diameter * MM
+    values = dict.fromkeys(shape.names, 0.0)
+    own = (0.0, 0.0, 0.5 * thickness, 0.5 * CHANNEL, half, half, 0.0, 0.0, 0.0, 0.999 * half)
+    values.update(zip(shape.names, own, strict=True))
+    drawing = LayoutDrawing((LENGTH, WIDTH, thickness), ((shape, tuple(values.values())),))
+    low, high = 0.5 * thickness - half, thickness
+
+    def longest(corners: np.ndarray) -> np.ndarray:
+        middle = corners.mean(axis=1)
+        near = np.column_stack(
+            [np.full(len(middle), at), np.zeros(len(middle)), middle[:, 2].clip(low, high)]
+        )
+        away = np.linalg.norm(middle - near, axis=1)
+        return FINE_M + GROWTH * np.maximum(away - CLOSE_M, 0.0)
+
+    layout = drawing.layout()
+    made = layout_mesh(layout, layout.start, Fineness(BASE_M, longest))
+    write_mesh(path, made.mesh(layout.start))
+
+
+def answers(diameter: float, thickness: float, at: float) -> np.ndarray:
+    """Force [N] of a pad of `YOUNG_PA` and change of its channel [m³] by depth and p / E (d, s, 2)."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "pad.vtu"
+        mesh(diameter, thickness, at, path)
+        text = CONFIG.format(file=path.name, young=YOUNG_PA, middle=0.5 * thickness / MM)
+        robot = sf.build_robot(parse(text, Path(folder) / "pad.toml"))
+    table = np.empty((len(DEPTHS), len(STRETCHES), 2))
+    for s, stretch in enumerate(STRETCHES):
+        state = None
+        for d, depth in enumerate(DEPTHS * CLOSED_M[diameter]):
+            press = sf.Press("ball", f"{at / MM},0,{thickness / MM}", depth_m=float(depth))
+            trial = sf.Trial.of(robot, [press], pressures=[f"channel={stretch * YOUNG_PA} Pa"])
+            solution = trial.searched(state)
+            if not solution.success:
+                raise SystemExit(f"{diameter:g} mm, {depth / MM:g} mm deep: {trial.failure(solution)}")
+            state, numbers = solution.state, trial.numbers(solution)
+            force = numbers["contacts"][0]["force_N"]
+            table[d, s] = force, 1e-9 * numbers["chambers"]["channel"]["volume_change_mm3"]
+    print(f"{diameter:g} mm, {thickness / MM:g} mm thick, pressed at {at / MM:g} mm", flush=True)
+    return table
+
+
+def tables(diameter: float, folder: Path) -> np.ndarray:
+    """`answers` of all thicknesses and places (t, x, d, s, 2), kept in a folder."""
+    grid = np.concatenate([THICKNESSES_M, PLACES_M, DEPTHS, STRETCHES, [FINE_M, GROWTH, CLOSE_M, BASE_M]])
+    path = folder / f"{diameter:g}mm.npz"
+    if path.exists():
+        with np.load(path) as kept:
+            if np.array_equal(kept["grid"], grid):
+                return kept["table"]
+    table = np.array([[answers(diameter, t, x) for x in PLACES_M] for t in THICKNESSES_M])
+    np.savez(path, grid=grid, table=table)
+    return table
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """A pad with parameters: Young's modulus [Pa], tubes [m³], thickness [m], and depth of the zero [m]."""
+
+    diameter: float
+    young: float
+    tubes: float
+    interpolated: RegularGridInterpolator
+    thickness: float
+    zero: float
+
+    def pressed(self, at_m: float, depth_m: float) -> tuple[float, float]:
+        """Gauge pressure [Pa] and force [N]."""
+        volume = np.pi / 4 * (self.diameter * MM) ** 2 * CHANNEL + self.tubes
+
+        def answer(pressure: float) -> np.ndarray:
+            deep = (depth_m + self.zero) / CLOSED_M[self.diameter]
+            place = (self.thickness, abs(at_m), deep, pressure / self.young)
+            return self.interpolated(place)[0]
+
+        def unmet(pressure: float) -> float:
+            return (ATMOSPHERE_PA + pressure) * (volume + answer(pressure)[1]) - ATMOSPHERE_PA * volume
+
+        found = brentq(unmet, -5 * KPA, 20 * KPA)
+        return float(found), float(answer(found)[0] * self.young / YOUNG_PA)
+
+    def force(self, at_m: float, pressure_Pa: float) -> float:
+        """The force [N] at a place where the channel has such a pressure, from the depth that makes it."""
+        depths = np.linspace(DEPTHS[0], DEPTHS[-1], 25) * CLOSED_M[self.diameter] - self.zero
+        every = np.array([self.pressed(at_m, depth) for depth in depths])
+        pressures = np.maximum.accumulate(every[:, 0]) + 1e-6 * np.arange(len(depths))
+        return float(PchipInterpolator(pressures, every[:, 1])(pressure_Pa))
+
+
+START = np.array([np.log(225e3), np.log(200e-9), 6 * MM, 0.0])
+SCALES = np.array([0.1, 0.5, 0.5 * MM, 0.1 * MM])
+"""Where the fit begins, and steps of ln E, ln of the tubes' volume, thickness and zero."""
+
+
+def channel(diameter: float, theta: np.ndarray, interpolated: RegularGridInterpolator) -> Channel:
+    """A pad of one diameter with the parameters that all share."""
+    young, tubes, thickness, zero = theta
+    return Channel(diameter, float(np.exp(young)), float(np.exp(tubes)), interpolated, thickness, zero)
+
+
+class Ranges(NamedTuple):
+    """The largest pressure [Pa] and force [N] of a diameter's tables."""
+
+    pressure: float
+    force: float
+
+
+def fitted(presses: Sequence[Press], at: dict[float, RegularGridInterpolator], ranges: dict[float, Ranges]):
+    """The parameters that are likeliest, all pressures and forces being as wrong in parts of their ranges."""
+
+    def misfits(scaled: np.ndarray) -> np.ndarray:
+        theta = START + SCALES * scaled
+        pads = {diameter: channel(diameter, theta, each) for diameter, each in at.items()}
+        left = []
+        for press in presses:
+            pressure, force = pads[press.diameter].pressed(press.at_m, press.depth_m)
+            of = ranges[press.diameter]
+            left += [(pressure - press.pressure_Pa) / of.pressure, (force - press.force_N) / of.force]
+        return np.array(left)
+
+    low = np.array([-5.0, -6.0, (THICKNESSES_M[0] - 6 * MM) / SCALES[2], -3.0])
+    high = np.array([5.0, 6.0, (THICKNESSES_M[-1] - 6 * MM) / SCALES[2], 1.5])
+    return START + SCALES * least_squares(misfits, np.zeros(4), bounds=(low, high)).x
+
+
+def numbers(rows: Sequence[tuple[Press, float, float, float]], ranges: dict[float, Ranges]) -> dict[str, Any]:
+    """Root mean squares of presses with what was predicted: pressure, force by depth, force by pressure."""
+
+    def rms(values: list[float]) -> float:
+        return float(np.sqrt(np.mean(np.square(values))))
+
+    return {
+        "place_mm": None,
+        "force_N": rms([by - press.force_N for press, _, _, by in rows]),
+        "force_percent": rms([100 * (by - p.force_N) / ranges[p.diameter].force for p, _, _, by in rows]),
+        "pressure_percent": rms(
+            [100 * (found - p.pressure_Pa) / ranges[p.diameter].pressure for p, found, _, _ in rows]
+        ),
+        "force_by_depth_percent": rms(
+            [100 * (deep - p.force_N) / ranges[p.diameter].force for p, _, deep, _ in rows]
+        ),
+        "presses": len(rows),
+    }
+
+
+def predicted(presses: Sequence[Press], theta: np.ndarray, at: dict[float, RegularGridInterpolator]):
+    """Each press with its predicted pressure, force by depth and force by pressure."""
+    pads = {diameter: channel(diameter, theta, each) for diameter, each in at.items()}
+    rows = []
+    for press in presses:
+        pad = pads[press.diameter]
+        by_depth = pad.pressed(press.at_m, press.depth_m)
+        rows.append((press, *by_depth, pad.force(press.at_m, press.pressure_Pa)))
+    return rows
+
+
+def main() -> None:
+    """Compute the tables, fit, predict, compare."""
+    sf.prepare_jax()
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--fit", type=Path, required=True)
+    parser.add_argument("--test", type=Path, required=True)
+    parser.add_argument("--json", type=Path, required=True)
+    parser.add_argument("--tables", type=Path)
+    given = parser.parse_args()
+    fit_to, tests = read(given.fit), read(given.test)
+    diameters = sorted({press.diameter for press in [*fit_to, *tests]})
+    ranges = {}
+    for diameter in diameters:
+        own = [press for press in fit_to if press.diameter == diameter] or tests
+        ranges[diameter] = Ranges(max(max(p.ends_Pa) for p in own), max(p.force_N for p in own))
+    with TemporaryDirectory() as temporary:
+        folder = given.tables or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        grid = (THICKNESSES_M, PLACES_M, DEPTHS, STRETCHES)
+        at = {
+            each: RegularGridInterpolator(grid, tables(each, folder), bounds_error=False, fill_value=None)
+            for each in diameters
+        }
+    fit_to, tests = ([press for press in each if press.open] for each in (fit_to, tests))
+    if given.fit.resolve() == given.test.resolve():
+        rows, every = [], []
+        for place in sorted({press.at_m for press in tests}):
+            theta = fitted([press for press in fit_to if press.at_m != place], at, ranges)
+            every.append(theta)
+            rows += predicted([press for press in tests if press.at_m == place], theta, at)
+    else:
+        every = [fitted(fit_to, at, ranges)]
+        rows = predicted(tests, every[0], at)
+    for young, tubes, thickness, zero in every:
+        print(
+            f"E {np.exp(young) / KPA:.1f} kPa, tubes {1e9 * np.exp(tubes):.0f} mm³, thickness "
+            f"{thickness / MM:.2f} mm, zero {zero / MM:+.3f} mm"
+        )
+    files = sorted({press.file for press, *_ in rows})
+    found = numbers(rows, ranges) | {
+        "files": {name: numbers([row for row in rows if row[0].file == name], ranges) for name in files}
+    }
+    given.json.write_text(json.dumps({"open": found}, indent=2) + "\n")
+    print(json.dumps({"open": found}, indent=2))
+
+
+if __name__ == "__main__":
+    main()
