@@ -38,7 +38,8 @@ def baseline_edits(config: RobotSettings, untouched: Untouched | None) -> Edits:
 
 def _lines(config: RobotSettings) -> tuple[int, CrossedSettings]:
     """The first sensor of crossed electrodes, and its number."""
-    return next((k, sensor) for k, sensor in enumerate(config.sensors) if isinstance(sensor, CrossedSettings))
+    lines = config.sensors_of(CrossedSettings)[0]
+    return config.sensors.index(lines), lines
 
 
 def _split(lines: CrossedSettings, each: Float[np.ndarray, " e"]) -> tuple[list[float], list[float]]:

@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 
-from softfuse.body.body import Body
 from softfuse.cli.options import Quiet, out_folder
 from softfuse.cli.progress import busy, tracked
 from softfuse.cli.terminal import say
@@ -33,8 +32,7 @@ def reduce(
     if missing:
         with busy("meshing", quiet=quiet):
             robot = build_robot(settings)
-            assert isinstance(robot.model.body, Body)
-            teacher = Teacher(robot, rest_stiffness(robot.model.body), regions)
+            teacher = Teacher(robot, rest_stiffness(robot.model.body.full), regions)
         for number in tracked(missing, "reducing", total=len(missing), quiet=quiet):
             chart = teacher.chart(number)
             small = reduced_model(robot.model, teacher.stiffness, chart, [*settings.places.values()])

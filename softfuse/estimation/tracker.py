@@ -9,6 +9,7 @@ compiling, or reads files; `hardware` does that.
 """
 
 import time
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import NamedTuple
@@ -40,6 +41,12 @@ from softfuse.sensors.suite import Observation
 
 _AT_LEISURE_S = 2.0
 """After so long there is time to make ready what most touches do without."""
+
+_ESTIMATORS: Mapping[type, Callable[..., Estimator | ReducedEstimator]] = {
+    Model: Estimator,
+    Atlas: ReducedEstimator,
+}
+"""By what is estimated with."""
 
 
 class _Estimated(NamedTuple):
@@ -81,11 +88,7 @@ class Tracker:
         known = all(workspace is None for workspace in robot.workspaces)
         with ThreadPoolExecutor(1) as aside:
             self._suite = CompiledSuite(robot.suite, aside)
-            self.estimator: Estimator | ReducedEstimator
-            if isinstance(model, Atlas):
-                self.estimator = ReducedEstimator(model, limits, places, steps, places_known=known)
-            else:
-                self.estimator = Estimator(model, limits, places, steps, places_known=known)
+            self.estimator = _ESTIMATORS[type(model)](model, limits, places, steps, places_known=known)
         self._search = None if known else PlaceSearch(robot.workspaces)
         self._misses = self._search is not None and (robot.suite.misses or robot.unseen.any())
         self.compile_s = time.perf_counter() - started

@@ -6,7 +6,6 @@ presses against it. A contact that is off its place by (a, b) [m] is at the poin
 presses there is carried along the direction onto the surface (`functional.contact`).
 """
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from typing import TypeVar
 
@@ -60,19 +59,7 @@ def nearest(
     return np.argmin(np.sum(away**2, axis=-1), axis=-1)
 
 
-class AbstractChart(eqx.Module):
-    """Two coordinates [m] on a part of the surface."""
-
-    @abstractmethod
-    def place(self, at: Float[Array, "... 2"]) -> Float[Array, "... 3 3"]:
-        """The places (..., 3, 3) at coordinates (..., 2) [m]."""
-
-    @abstractmethod
-    def coordinates(self, place: Float[np.ndarray, "... 3 3"]) -> Float[np.ndarray, "... 2"]:
-        """The coordinates (..., 2) [m] of places (..., 3, 3)."""
-
-
-class FlatChart(AbstractChart):
+class FlatChart(eqx.Module):
     """Distances [m] from `origin` (3,) along unit vectors `axes` (2, 3) at right angles to each other and to
     the unit vector `direction` (3,), in which contacts press: a flat face, or what is seen along one
     direction.
@@ -96,13 +83,13 @@ class FlatChart(AbstractChart):
         u = self.axes[0]
         return jnp.stack([u, jnp.cross(u, self.direction)])
 
-    def place(self, at):
-        """The points there, all with the same tangents."""
+    def place(self, at: Float[Array, "... 2"]) -> Float[Array, "... 3 3"]:
+        """The places (..., 3, 3) at coordinates (..., 2) [m], all with the same tangents."""
         point = self.origin + at @ self.axes
         return jnp.concatenate(
             [point[..., None, :], jnp.broadcast_to(self.tangents, (*point.shape[:-1], 2, 3))], axis=-2
         )
 
-    def coordinates(self, place):
-        """How far along the axes the points are."""
+    def coordinates(self, place: Float[np.ndarray, "... 3 3"]) -> Float[np.ndarray, "... 2"]:
+        """The coordinates (..., 2) [m] of places (..., 3, 3): how far along the axes they are."""
         return (place[..., 0, :] - np.asarray(self.origin)) @ np.asarray(self.axes).T

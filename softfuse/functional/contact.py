@@ -76,6 +76,11 @@ class ContactSurface(eqx.Module):
         search = FaceBuckets.over(corner[seen] @ tangents.T)
         return cls(jnp.asarray(faces[seen]), jnp.asarray(d), jnp.asarray(tangents), search)
 
+    def around(self, rest: Float[Array, "k 3"], place: Float[Array, "3 3"]) -> "ContactSurface":
+        """The faces near a place (3, 3): all of them, along the one direction; see `Skin.around`."""
+        del rest, place
+        return self
+
     def land(self, rest: Float[Array, "k 3"], points: Float[Array, "p 3"]) -> Landed:
         """Where points (p, 3) m meet the surface of nodes at `rest` (k, 3) m along the direction.
 

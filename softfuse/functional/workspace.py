@@ -34,6 +34,10 @@ class AbstractWorkspace(eqx.Module):
         along their tangents (2,) [m].
         """
 
+    @abstractmethod
+    def drawn(self, rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
+        """A place (3, 3) at random."""
+
     @property
     @abstractmethod
     def extent_m(self) -> Float[np.ndarray, "2"]:
@@ -65,6 +69,10 @@ class FlatWorkspace(AbstractWorkspace):
         x, y = np.meshgrid(*np.linspace(self.low, self.high, side).T, indexing="ij")
         pitch = (self.high - self.low) / (side - 1)
         return np.asarray(self.chart.place(jnp.stack([x.ravel(), y.ravel()], axis=1))), pitch
+
+    def drawn(self, rng):
+        """Anywhere in the rectangle."""
+        return np.asarray(self.chart.place(jnp.asarray(rng.uniform(self.low, self.high))))
 
     @property
     def extent_m(self):
@@ -133,6 +141,10 @@ class SurfaceWorkspace(AbstractWorkspace):
         """Its places."""
         del side
         return self.places, np.full(2, self.spacing)
+
+    def drawn(self, rng):
+        """One of its places."""
+        return self.places[rng.integers(len(self.places))]
 
     @property
     def extent_m(self):

@@ -131,6 +131,21 @@ class AbstractLoad(eqx.Module):
     ) -> Float[Array, " k"]:
         """What answers each drive (k,): the stroke of a force, the force of a prescribed displacement."""
 
+    def by_answer(self, body: AbstractBody) -> "AbstractLoad":
+        """The same load on a body at rest, driven by what answers it: a cable by its shortening. Raises
+        SolveError for one that cannot be driven so.
+        """
+        del body
+        raise SolveError(f"{type(self).__name__} is not driven by what answers it")
+
+    def by_force(
+        self, internal: Float[Array, " m"], drive: Float[Array, " k"]
+    ) -> tuple[Float[Array, " w"], Float[Array, " k"]]:
+        """Internal unknowns (w,) and drives (k,), in the same state, of the load that this is `by_answer`; as
+        they are where it is none.
+        """
+        return internal, drive
+
 
 class AbstractContact(eqx.Module):
     """What may touch a body, and how it presses: a load for every place (3, 3), see `functional.chart`."""
@@ -304,6 +319,15 @@ class Loads(eqx.Module):
         """What answers each drive (D,)."""
         own = zip(self.parts, self._own(force, internal, y), strict=True)
         return _joined([part.conjugate(*at) for part, at in own])
+
+    def by_force(
+        self, internal: Float[Array, " M"], drive: Float[Array, " D"]
+    ) -> tuple[Float[Array, " W"], Float[Array, " D"]]:
+        """Internal unknowns (W,) and drives (D,) of all loads, see `AbstractLoad.by_force`."""
+        sizes = [part.sizes for part in self.parts]
+        cut = _cut([s.internal for s in sizes], internal), _cut([s.drives for s in sizes], drive)
+        each = [part.by_force(*own) for part, *own in zip(self.parts, *cut, strict=True)]
+        return _joined([internal for internal, _ in each]), _joined([drive for _, drive in each])
 
     def _own(self, force: Array, internal: Array, y: Array) -> list[tuple[Array, Array, Array]]:
         """Each load's own forces, internal unknowns and ports."""

@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float
 from softfuse.errors import ConfigError
 from softfuse.estimation.doubts import TrackerSettings
 from softfuse.estimation.observability import Observability, observability, response
-from softfuse.functional.workspace import FlatWorkspace
 from softfuse.report.observability_figures import maps, spots
 from softfuse.report.page import page, picture, table
 from softfuse.robot.names import named_places
@@ -182,7 +181,7 @@ def expected(
     )
     found = observability(answer, covariance, place_sigma_m)
     names = tuple(named) if workspace is None else ()
-    grid = side if isinstance(workspace, FlatWorkspace) else None
+    grid = None if settings.direction is None else side
     seen = not bool(robot.unseen[slot])
     return Expected(robot, settings.name, force_N, places, names, found, seen, grid)
 

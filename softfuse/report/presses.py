@@ -17,13 +17,10 @@ from softfuse.estimation.compiled_suite import CompiledSuite
 from softfuse.experiment.contact_accuracy import NOWHERE
 from softfuse.functional.chart import facing
 from softfuse.hardware.recording import Recording
-from softfuse.mechanics.cable import ShortenedCable
 from softfuse.report.columns import Columns
 from softfuse.report.truth import Truth
 from softfuse.robot.robot import Robot
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.cable_length import CableLengthSettings
-from softfuse.sensors.pressure.sensor import PressureSettings
 from softfuse.sensors.suite import Observation, SensorSuite
 
 
@@ -232,28 +229,20 @@ def _prescribed(
     valid: Bool[np.ndarray, "s k"],
 ) -> tuple[Float[np.ndarray, "s a"], Bool[np.ndarray, " s"]]:
     """What the actuators are driven with in samples, and in which of them that is known (s,)."""
-    robot, settings = fitted.robot, fitted.robot.settings
+    robot, model = fitted.robot, fitted.robot.model
     low, _ = robot.ranges
     prescribed, known = np.tile(low, (len(at), 1)), np.ones(len(at), bool)
-    drives = robot.addresses.drives
-    for sensor in settings.sensors:
-        if isinstance(sensor, CableLengthSettings):
-            names = sensor.cables
-        elif isinstance(sensor, PressureSettings):
-            gas = {chamber.name: chamber.gas for chamber in settings.chambers}
-            names = tuple(name if gas[name] == "driven" else None for name in sensor.chambers)
-        else:
-            continue
-        own = robot.addresses.readings[sensor.name]
-        for number, name in zip(range(own.start, own.stop), names, strict=True):
-            if name is not None:
-                prescribed[:, drives[name]] = reading[:, number]
-                # Where nobody knows what an actuator does, nothing is known of the shape.
-                known &= valid[:, number]
+    cables = np.array([robot.addresses.drives[cable.name] for cable in robot.settings.cables], int)
+    shortened = cables[fitted.shortened]
+    # Shortened cables are driven by what answers the robot's own.
+    tells = np.where(np.isin(model.driven, shortened), -1, model.driven)
+    tells = np.where(np.isin(model.answered, shortened), model.answered, tells)
+    for number in np.flatnonzero(tells >= 0):
+        prescribed[:, tells[number]] = reading[:, number]
+        # Where nobody knows what an actuator does, nothing is known of the shape.
+        known &= valid[:, number]
     for command in robot.commands:
         given = recording.columns[command.channel][at] * command.factor
-        if command.of_answer and not isinstance(fitted.model.actuators[command.drive], ShortenedCable):
-            continue
         prescribed[:, command.drive] = np.nan_to_num(given)
         known &= np.isfinite(given)
     return prescribed, known

@@ -10,11 +10,21 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
 from annotated_types import Ge
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from softfuse.io.quantity import Density, Number, PositivePressure, Pressure, shown, wrong_value
 from softfuse.io.settings import NotEmpty, Settings
+from softfuse.material import (
+    AbstractMaterial,
+    Corotational,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    SaintVenantKirchhoff,
+    Yeoh,
+)
 from softfuse.material.silicones import POISSON, SILICONES
 
 
@@ -36,6 +46,10 @@ class MaterialSettings(Settings):
     """The keys in Pa, which a calibration scales together."""
 
     density: Annotated[Density, Ge(0)] = 0.0
+
+    @abstractmethod
+    def material(self) -> AbstractMaterial:
+        """Its strain-energy density."""
 
     def stiffness_times(self, factor: float) -> dict[str, float | tuple[float, ...]]:
         """The keys in Pa that are given, with their values multiplied by a factor."""
@@ -71,17 +85,29 @@ class NeoHookeanSettings(OneModulus):
 
     law: Literal["neo-hookean"]
 
+    def material(self):
+        """The law."""
+        return NeoHookean.from_young(self.young, self.poisson)
+
 
 class SaintVenantKirchhoffSettings(OneModulus):
     """Saint Venant-Kirchhoff law; it collapses in strong compression."""
 
     law: Literal["saint-venant-kirchhoff"]
 
+    def material(self):
+        """The law."""
+        return SaintVenantKirchhoff.from_young(self.young, self.poisson)
+
 
 class CorotationalSettings(OneModulus):
     """Linear law in the rotated frame."""
 
     law: Literal["corotational"]
+
+    def material(self):
+        """The law."""
+        return Corotational.from_young(self.young, self.poisson)
 
 
 class SeveralModuli(MaterialSettings):
@@ -128,6 +154,10 @@ class MooneyRivlinSettings(SeveralModuli):
         """μ in Pa at small strains."""
         return 2.0 * (self.c10 + self.c01)
 
+    def material(self):
+        """The law."""
+        return MooneyRivlin(self.c10, self.c01, self.lame)
+
 
 class YeohSettings(SeveralModuli):
     """Yeoh law of C1, C2, C3 in Pa; μ = 2 C1."""
@@ -143,6 +173,10 @@ class YeohSettings(SeveralModuli):
     def shear_modulus(self) -> float:
         """μ in Pa at small strains."""
         return 2.0 * self.c1
+
+    def material(self):
+        """The law."""
+        return Yeoh(self.c1, self.c2, self.c3, self.lame)
 
 
 def _named(given: Any) -> Any:
@@ -187,6 +221,10 @@ class OgdenSettings(SeveralModuli):
         if 0.0 in alpha:
             raise wrong_value("an exponent of 0 has no energy: remove the term")
         return alpha
+
+    def material(self):
+        """The law."""
+        return Ogden(np.array(self.mu), np.array(self.alpha), self.lame)
 
 
 Material = Annotated[

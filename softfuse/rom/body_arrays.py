@@ -27,6 +27,7 @@ def body_arrays(body: ReducedBody, basis: Basis) -> dict[str, np.ndarray]:
         "displacement": basis.displacement.astype(np.float32),
         "pressure": basis.pressure.astype(np.float32),
         "watched": watched,
+        "points": np.array([len(points.volumes) for points in body.sample]),
         "linear": np.asarray(body.linear),
         "weight": np.asarray(body.weight),
         "stiffness": np.asarray(body.stiffness),

@@ -51,6 +51,15 @@ class AbstractRegions(ABC):
     def find(self, place: Array | np.ndarray, before: int | None = None) -> int | None:
         """The region of a place (3, 3), `before` while it is not clearly outside of that; None for none."""
 
+    @abstractmethod
+    def middle(self, number: int) -> Float[np.ndarray, "3 3"]:
+        """The place (3, 3) in the middle of a region."""
+
+    def cell(self, number: int) -> Cell | None:
+        """The cell that a region is; None of what is nearest to a place."""
+        del number
+        return None
+
 
 @dataclass(frozen=True, eq=False)
 class Spots(AbstractRegions):
@@ -65,6 +74,10 @@ class Spots(AbstractRegions):
         """The nearest."""
         del before
         return int(np.argmin(np.sum((self.places[:, 0] - np.asarray(place)[0]) ** 2, axis=1)))
+
+    def middle(self, number):
+        """The place."""
+        return self.places[number]
 
 
 @dataclass(frozen=True)
@@ -101,6 +114,12 @@ class Cells(AbstractRegions):
         half = np.subtract(self.high, self.low) / np.array(self.counts) / 2
         place = np.array(divmod(number, self.counts[1]))
         return Cell(np.append(self.low + half * (2 * place + 1), 0.0), half, self.direction)
+
+    cell = __getitem__
+
+    def middle(self, number):
+        """That of the cell."""
+        return self[number].at(np.zeros(2))
 
     def find(self, place, before=None):
         """The cell that a place (3, 3) is in."""

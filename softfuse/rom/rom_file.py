@@ -11,13 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.body.body import Body
 from softfuse.errors import SoftfuseError
 from softfuse.io.result_folder import put_in_place
 from softfuse.mechanics.load import AbstractContact, AbstractLoad
-from softfuse.mechanics.model import Model
+from softfuse.mechanics.model import Model, parts_of
 from softfuse.mechanics.reading import AbstractReading, ShapeReading
-from softfuse.mechanics.volume import VolumePorts
 from softfuse.rom.basis import Basis
 from softfuse.rom.body_arrays import Arrays, body_arrays, body_of, of_nodes
 from softfuse.rom.known_inverses import KnownInverses, ReducedDense
@@ -74,10 +72,8 @@ def write_device(path: Path, device: Model, basis: Basis, mark: str) -> None:
 
     Raises OSError when it cannot be written.
     """
-    assert isinstance(device.body, ReducedBody)
-    body = body_arrays(device.body, basis)
-    points = [len(each.volumes) for each in device.body.sample]
-    arrays = {"mark": np.array(mark), "points": np.array(points), **body}
+    (body,) = parts_of(device.body, ReducedBody)
+    arrays = {"mark": np.array(mark), **body_arrays(body, basis)}
     arrays |= {f"telling.{kind}": telling_unknowns(modes) for kind, modes in basis._asdict().items()}
     for name, part in _projected_parts(device):
         arrays |= {f"{name}.{each.name}": np.asarray(getattr(part, each.name)) for each in fields(part)}
@@ -98,9 +94,8 @@ def read_device(path: Path, mark: str, full: Model, sizes: Sizes) -> Kept:
     Raises SoftfuseError when there is none, it is damaged, or it was made from something else than `mark`
     says.
     """
-    assert isinstance(full.body, Body)
-    arrays = _read(path, mark)
-    body = body_of(full.body, arrays, sizes.points, sizes.watched)
+    arrays, whole = _read(path, mark), full.body.full
+    body = body_of(whole, arrays, sizes.points, sizes.watched)
     readings: list[AbstractReading] = []
     for number, (cavities, reading) in enumerate(volume_readings(full.readings)):
         if cavities:
@@ -117,7 +112,7 @@ def read_device(path: Path, mark: str, full: Model, sizes: Sizes) -> Kept:
     linear = ReducedDense.with_known(body, _part(KnownInverses, "known", arrays))
     device = Model(body, tuple(readings), tuple(contacts), linear, actuators, full.slots)
     basis = Basis(arrays["displacement"], arrays["pressure"])
-    nodal = of_nodes(full.body, np.arange(full.body.n_nodes), basis.displacement)
+    nodal = of_nodes(whole, np.arange(whole.n_nodes), basis.displacement)
     told = (
         telling(basis.displacement, arrays["telling.displacement"]),
         telling(basis.pressure, arrays["telling.pressure"]),
@@ -127,28 +122,19 @@ def read_device(path: Path, mark: str, full: Model, sizes: Sizes) -> Kept:
 
 def _projected_parts(device: Model) -> Iterator[tuple[str, _Part]]:
     """What a reduced device has instead of the full one's parts, but for the body, by name."""
-    assert isinstance(device.linear, ReducedDense)
-    yield "known", device.linear.known
-    for number, reading in enumerate(device.readings):
-        if isinstance(reading, ShapeReading) and isinstance(reading.functional, ProjectedVolumes):
-            yield f"reading{number}", reading.functional
-    for number, contact in enumerate(device.contacts):
-        if isinstance(contact, ProjectedPatches):
-            yield f"contact{number}", contact
-    for number, load in enumerate(device.actuators):
-        ports = load.ports
-        if isinstance(ports, ProjectedVolumePorts):
-            yield f"actuator{number}", ports.volumes
-        elif isinstance(ports, ProjectedGuides):
-            yield f"actuator{number}", ports
+    several = {"reading": device.readings, "contact": device.contacts, "actuator": device.actuators}
+    named = {f"{what}{k}": part for what, parts in several.items() for k, part in enumerate(parts)}
+    for name, part in {"known": device.linear, **named}.items():
+        for kept in parts_of(part, ProjectedVolumes, ProjectedGuides, ProjectedPatches, KnownInverses):
+            yield name, kept
 
 
 def _actuator(load: AbstractLoad, name: str, arrays: Arrays) -> AbstractLoad:
-    """A load of the full device with the ports of some arrays."""
-    if isinstance(load.ports, VolumePorts):
-        ports = ProjectedVolumePorts(_part(ProjectedVolumes, name, arrays))
-    else:
+    """A load of the full device with the ports of some arrays, which are those of guides or of volumes."""
+    if f"{name}.springs" in arrays:
         ports = _part(ProjectedGuides, name, arrays)
+    else:
+        ports = ProjectedVolumePorts(_part(ProjectedVolumes, name, arrays))
     return eqx.tree_at(lambda of: of.ports, load, ports)
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.functional.chart import AbstractChart
+from softfuse.functional.chart import FlatChart
 from softfuse.sensors.contact_places import chart_places
 
 
@@ -39,7 +39,7 @@ class ContactSlots(eqx.Module):
     name: str = eqx.field(static=True)
     slots: int = eqx.field(static=True)
     seen_by: tuple[int, ...] = eqx.field(static=True)
-    chart: AbstractChart | None
+    chart: FlatChart | None
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
 

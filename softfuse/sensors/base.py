@@ -137,6 +137,18 @@ class Evidence(NamedTuple):
     details: Any = None
 
 
+class SeenPlace(NamedTuple):
+    """A named place (3, 3) at which a [[contact]] is seen, the covariance (2, 2) [m²] along its tangents of
+    one that may press anywhere there, and the key of the sensor's settings that says it.
+    """
+
+    key: str
+    name: str
+    contact: str
+    place: Float[np.ndarray, "3 3"]
+    covariance: Float[np.ndarray, "2 2"]
+
+
 class AbstractSensor(eqx.Module):
     """Some channels and the readings that they measure; everything but names is a leaf."""
 
@@ -247,9 +259,21 @@ class SensorSettings(Settings):
         """What it measures of an equilibrium; None for one that sees contacts."""
 
     @property
-    def places(self) -> "Mapping[str, Float[np.ndarray, '3 3']]":
-        """The named places (3, 3) where it sees contacts, none where these may be anywhere."""
+    def places(self) -> tuple[SeenPlace, ...]:
+        """The named places where it sees contacts, none where these may be anywhere."""
+        return ()
+
+    @property
+    def slacks(self) -> Mapping[str, float]:
+        """The cables whose zero, what it reads where they get taut, presses may tell, and how much shorter
+        [m] each is before it drives the body.
+        """
         return {}
+
+    def zeros_after(self, shift: Mapping[str, float]) -> Sequence[float]:
+        """Its `zero` of each of these cables [m], more by shifts [m] of some by name."""
+        del shift
+        return ()
 
     def points(self, parts: "Parts") -> Float[np.ndarray, "m 3"]:
         """Material points (m, 3) m of the body at rest that `signal` wants to be followed."""

@@ -103,6 +103,16 @@ class CableLengthSettings(SensorSettings):
         """What answers the tensions."""
         return AnswerReading(tuple(cable.drive for cable in parts.cables_of(self.name, self.cables)))
 
+    @property
+    def slacks(self):
+        """The same of all."""
+        return dict.fromkeys(self.cables, self.slack)
+
+    def zeros_after(self, shift):
+        """As configured, and so much more."""
+        zero = np.broadcast_to(self.zero, (len(self.cables),))
+        return zero + [shift.get(name, 0.0) for name in self.cables]
+
     def ideal(self, parts, time_s, values):
         """Of shortenings (m, b) m."""
         del parts, time_s

@@ -4,11 +4,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from softfuse.functional.chart import AbstractChart, moved
+from softfuse.functional.chart import FlatChart, moved
 
 
 def chart_place(
-    chart: AbstractChart, at: Float[Array, "2"], covariance_m2: Float[Array, "2 2"]
+    chart: FlatChart, at: Float[Array, "2"], covariance_m2: Float[Array, "2 2"]
 ) -> tuple[Float[Array, "3 3"], Float[Array, "2 2"]]:
     """The place (3, 3) at coordinates (2,) [m], and their covariance (2, 2) [m²] along its tangents."""
     place = chart.place(at)
@@ -17,7 +17,7 @@ def chart_place(
 
 
 def chart_places(
-    chart: AbstractChart, at: Float[Array, "c 2"], sigma_m: Float[Array, "c 2"]
+    chart: FlatChart, at: Float[Array, "c 2"], sigma_m: Float[Array, "c 2"]
 ) -> tuple[Float[Array, "c 3 3"], Float[Array, "c 2 2"]]:
     """The same of c contacts whose coordinates have standard deviations (c, 2) [m], each for itself."""
     return jax.vmap(lambda x, s: chart_place(chart, x, jnp.diag(s**2)))(at, sigma_m)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from pydantic import model_validator
 
-from softfuse.functional.chart import AbstractChart
+from softfuse.functional.chart import FlatChart
 from softfuse.io.quantity import FORCE, LengthUnit, PositiveForce, PositiveLength, wrong_value
 from softfuse.sensors.base import AbstractContactSensor, Evidence, SensorSettings, Touch
 from softfuse.sensors.contact_places import chart_place
@@ -29,7 +29,7 @@ class Indenter(AbstractContactSensor):
     channels: tuple[str, ...] = eqx.field(static=True)
     contact: str = eqx.field(static=True)
     slots: int = eqx.field(static=True)
-    chart: AbstractChart
+    chart: FlatChart
     unit_m: Float[Array, ""]
     on_N: Float[Array, ""]
     off_N: Float[Array, ""]

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from softfuse.body.base import AbstractBody
 from softfuse.errors import ConfigError
 from softfuse.functional.cavity import Cavity
-from softfuse.functional.chart import AbstractChart
+from softfuse.functional.chart import FlatChart
 from softfuse.sensors.gas import ATMOSPHERE_PA
 
 ROOM_K = 293.15
@@ -51,7 +51,7 @@ class ContactPart:
     once, and the lowest and highest coordinates (2,) [m] of middles.
     """
 
-    chart: AbstractChart | None
+    chart: FlatChart | None
     radius: float
     slots: int = 1
     low: Float[np.ndarray, "2"] = field(default_factory=lambda: np.full(2, -np.inf))

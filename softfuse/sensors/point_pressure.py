@@ -11,7 +11,6 @@ import numpy as np
 from annotated_types import Ge
 from pydantic import BeforeValidator
 
-from softfuse.body.body import Body
 from softfuse.functional.point_pressure import PointPressure
 from softfuse.io.quantity import (
     Dimension,
@@ -67,9 +66,7 @@ class PointPressureSettings(DirectSettings):
     def functional(self, parts):
         """The pressure beyond that at rest. Raises MeshError where the ball reaches out of the body."""
         at = parts.point_of(self.name, self.point)
-        if not isinstance(parts.body, Body):
-            raise self._wrong("the pressure of the material is read in the full body, not in a reduced one")
-        return ShapeReading(PointPressure.of(parts.body, at, self.radius))
+        return ShapeReading(PointPressure.of(parts.body.full, at, self.radius))
 
     def ideal(self, parts, time_s, values):
         """Of pressures (m, 1) Pa in the material."""

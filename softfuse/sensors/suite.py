@@ -14,7 +14,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from softfuse.errors import ConfigError
-from softfuse.mechanics.reading import JointReading
 from softfuse.sensors.addresses import Addresses, ContactSlots
 from softfuse.sensors.base import (
     AbstractContactSensor,
@@ -114,14 +113,18 @@ class SensorSuite(eqx.Module):
         _unlike([each.name for each in made], "sensors are named")
         channels = [channel for each in made for channel in each.channels]
         _unlike(channels, "sensors write in the column")
+        measuring, seeing = list[AbstractSensor](), list[AbstractContactSensor]()
         for each in made:
-            if isinstance(each, AbstractContactSensor) and each.slots != parts.contacts[each.contact].slots:
+            if isinstance(each, AbstractSensor):
+                measuring.append(each)
+            else:
+                seeing.append(each)
+        for each in seeing:
+            if each.slots != parts.contacts[each.contact].slots:
                 raise ConfigError(
                     f'sensor "{each.name}" sees {each.slots} contact at once, "{each.contact}" allows '
                     f"{parts.contacts[each.contact].slots}: allow as many as it sees"
                 )
-        measuring = tuple(each for each in made if isinstance(each, AbstractSensor))
-        seeing = tuple(each for each in made if isinstance(each, AbstractContactSensor))
         contacts = tuple(
             ContactSlots(
                 name,
@@ -134,8 +137,8 @@ class SensorSuite(eqx.Module):
             for name, part in parts.contacts.items()
         )
         return cls(
-            measuring,
-            seeing,
+            tuple(measuring),
+            tuple(seeing),
             contacts,
             PneumaticDetector.usual(),
             tuple(channels),
@@ -143,12 +146,6 @@ class SensorSuite(eqx.Module):
             tuple(name for each in measuring for name in each.readings),
             Addresses.of([(each.name, len(each.readings)) for each in measuring]),
         )
-
-    @staticmethod
-    def functional(settings: Sequence[SensorSettings], parts: Parts) -> JointReading:
-        """What the sensors measure of an equilibrium, in the order of the suite's readings."""
-        each = [one.functional(parts) for one in settings]
-        return JointReading(tuple(reading for reading in each if reading is not None))
 
     @property
     def units(self) -> tuple[str, ...]:

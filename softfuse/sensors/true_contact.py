@@ -34,7 +34,7 @@ def flat_chart(parts: Parts, sensor: str, contact: str) -> FlatChart:
     Raises ConfigError, for the sensor, where it presses on none.
     """
     chart = parts.contact_of(sensor, contact).chart
-    if not isinstance(chart, FlatChart):
+    if chart is None:
         raise ConfigError(f'sensor "{sensor}": contact "{contact}" presses on no flat face, as it needs')
     return chart
 

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from softfuse.functional.chart import AbstractChart
+from softfuse.functional.chart import FlatChart
 from softfuse.sensors.base import AbstractContactSensor, Evidence, Image, Touch
 from softfuse.sensors.capacitive import (
     ArrayReading,
@@ -106,7 +106,7 @@ class CrossedElectrodes(AbstractContactSensor):
     peak: PeakModel
     detector: TouchDetector
     pose: ArrayPose
-    chart: AbstractChart
+    chart: FlatChart
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
 

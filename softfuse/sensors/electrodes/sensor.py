@@ -23,7 +23,7 @@ from softfuse.io.quantity import (
     wrong_value,
 )
 from softfuse.io.settings import Direction, Settings, Vector
-from softfuse.sensors.base import AbstractContactSensor, Evidence, Touch
+from softfuse.sensors.base import AbstractContactSensor, Evidence, SeenPlace, Touch
 from softfuse.sensors.capacitive import BaselineSettings, CountsSettings
 from softfuse.sensors.electrodes.detector import (
     ElectrodeDetector,
@@ -216,7 +216,10 @@ class ElectrodeSettings(CountsSettings):
     @property
     def places(self):
         """The electrodes."""
-        return {electrode.name: electrode.place() for electrode in self.electrodes}
+        return tuple(
+            SeenPlace(f"electrodes[{k}]", each.name, self.contact, each.place(), each.covariance())
+            for k, each in enumerate(self.electrodes)
+        )
 
     def points(self, parts):
         """Those that stand for the electrodes."""

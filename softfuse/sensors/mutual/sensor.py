@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from softfuse.functional.chart import AbstractChart
+from softfuse.functional.chart import FlatChart
 from softfuse.sensors.base import AbstractContactSensor, Evidence, Image, Touch
 from softfuse.sensors.contact_places import chart_places
 from softfuse.sensors.mutual.grid import MutualGrid, MutualReading, MutualState, mutual_init, mutual_update
@@ -63,7 +63,7 @@ class MutualElectrodes(AbstractContactSensor):
     contact: str = eqx.field(static=True)
     slots: int = eqx.field(static=True)
     grid: MutualGrid
-    chart: AbstractChart
+    chart: FlatChart
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
 
