@@ -77,6 +77,16 @@ class Fitted:
             np.array([name in shortened for name in drives], bool),
         )
 
+    @property
+    def told(self) -> Int[np.ndarray, " k"]:
+        """The drive of the model's actuators that each of the robot's readings (k,) tells; -1: none."""
+        drives, own = self.robot.addresses.drives, self.robot.model
+        cables = np.array([drives[cable.name] for cable in self.robot.settings.cables], int)
+        shortened = cables[self.shortened]
+        # A shortened cable is driven by what answers the robot's own.
+        driven = np.where(np.isin(own.driven, shortened), -1, own.driven)
+        return np.where(np.isin(own.answered, shortened), own.answered, driven)
+
 
 def build_adjustments(fitted: Fitted) -> Adjustments:
     """What [calibration] says may differ from the robot's settings.

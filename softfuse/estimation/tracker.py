@@ -42,11 +42,9 @@ from softfuse.sensors.suite import Observation
 _AT_LEISURE_S = 2.0
 """After so long there is time to make ready what most touches do without."""
 
-_ESTIMATORS: Mapping[type, Callable[..., Estimator | ReducedEstimator]] = {
-    Model: Estimator,
-    Atlas: ReducedEstimator,
-}
-"""By what is estimated with."""
+_KINDS: Mapping[type, Callable[..., Estimator | ReducedEstimator]]
+_KINDS = {Model: Estimator, Atlas: ReducedEstimator}
+"""Estimators by what they estimate with."""
 
 
 class _Estimated(NamedTuple):
@@ -88,7 +86,7 @@ class Tracker:
         known = all(workspace is None for workspace in robot.workspaces)
         with ThreadPoolExecutor(1) as aside:
             self._suite = CompiledSuite(robot.suite, aside)
-            self.estimator = _ESTIMATORS[type(model)](model, limits, places, steps, places_known=known)
+            self.estimator = _KINDS[type(model)](model, limits, places, steps, places_known=known)
         self._search = None if known else PlaceSearch(robot.workspaces)
         self._misses = self._search is not None and (robot.suite.misses or robot.unseen.any())
         self.compile_s = time.perf_counter() - started

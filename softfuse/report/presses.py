@@ -229,19 +229,13 @@ def _prescribed(
     valid: Bool[np.ndarray, "s k"],
 ) -> tuple[Float[np.ndarray, "s a"], Bool[np.ndarray, " s"]]:
     """What the actuators are driven with in samples, and in which of them that is known (s,)."""
-    robot, model = fitted.robot, fitted.robot.model
-    low, _ = robot.ranges
+    low, _ = fitted.robot.ranges
     prescribed, known = np.tile(low, (len(at), 1)), np.ones(len(at), bool)
-    cables = np.array([robot.addresses.drives[cable.name] for cable in robot.settings.cables], int)
-    shortened = cables[fitted.shortened]
-    # Shortened cables are driven by what answers the robot's own.
-    tells = np.where(np.isin(model.driven, shortened), -1, model.driven)
-    tells = np.where(np.isin(model.answered, shortened), model.answered, tells)
-    for number in np.flatnonzero(tells >= 0):
-        prescribed[:, tells[number]] = reading[:, number]
+    for number in np.flatnonzero(fitted.told >= 0):
+        prescribed[:, fitted.told[number]] = reading[:, number]
         # Where nobody knows what an actuator does, nothing is known of the shape.
         known &= valid[:, number]
-    for command in robot.commands:
+    for command in fitted.robot.commands:
         given = recording.columns[command.channel][at] * command.factor
         prescribed[:, command.drive] = np.nan_to_num(given)
         known &= np.isfinite(given)

@@ -65,6 +65,7 @@ class OneModulus(MaterialSettings):
     """Young's modulus in Pa and Poisson's ratio at small strains."""
 
     stiffness_keys: ClassVar[tuple[str, ...]] = ("young",)
+    kind: ClassVar[type[NeoHookean | SaintVenantKirchhoff | Corotational]]
 
     young: PositivePressure
     poisson: PoissonRatio
@@ -79,35 +80,30 @@ class OneModulus(MaterialSettings):
         """Lamé's λ in Pa."""
         return 2.0 * self.shear_modulus * self.poisson / (1.0 - 2.0 * self.poisson)
 
+    def material(self):
+        """Of its kind."""
+        return self.kind.from_young(self.young, self.poisson)
+
 
 class NeoHookeanSettings(OneModulus):
     """Neo-Hookean law."""
 
+    kind: ClassVar = NeoHookean
     law: Literal["neo-hookean"]
-
-    def material(self):
-        """The law."""
-        return NeoHookean.from_young(self.young, self.poisson)
 
 
 class SaintVenantKirchhoffSettings(OneModulus):
     """Saint Venant-Kirchhoff law; it collapses in strong compression."""
 
+    kind: ClassVar = SaintVenantKirchhoff
     law: Literal["saint-venant-kirchhoff"]
-
-    def material(self):
-        """The law."""
-        return SaintVenantKirchhoff.from_young(self.young, self.poisson)
 
 
 class CorotationalSettings(OneModulus):
     """Linear law in the rotated frame."""
 
+    kind: ClassVar = Corotational
     law: Literal["corotational"]
-
-    def material(self):
-        """The law."""
-        return Corotational.from_young(self.young, self.poisson)
 
 
 class SeveralModuli(MaterialSettings):

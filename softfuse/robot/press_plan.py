@@ -6,8 +6,8 @@ searched from the one before.
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
-from itertools import combinations, islice
+from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Generic, Literal, Self, TypeVar
 
@@ -122,27 +122,25 @@ class RandomPlaces(DiscPlaces):
     def within(self, workspace, apart, plan):
         """As many for each number of contacts."""
         check_count(plan, len(plan.contacts) * self.count * len(plan.forces.all))
-        return [found for count in plan.contacts for found in self._drawn(workspace, apart, count, plan)]
-
-    def _drawn(
-        self, workspace: WorkspaceSettings, apart: float, contacts: int, plan: "SweepPlan"
-    ) -> Iterator[tuple[Disc, ...]]:
         x, y = _ranges(self, plan, workspace)
         low, size = np.array([x[0], y[0]]), np.array([x[1] - x[0], y[1] - y[0]])
-        generator = np.random.Generator(np.random.PCG64([self.seed, contacts]))
+        sets = list[tuple[Disc, ...]]()
+        for contacts in plan.contacts:
+            generator = np.random.Generator(np.random.PCG64([self.seed, contacts]))
 
-        def draw() -> tuple[Disc, ...]:
-            return tuple((a, b) for a, b in (low + size * generator.random((contacts, 2))).tolist())
+            def draw(random=generator, shape=(contacts, 2)) -> tuple[Disc, ...]:
+                return tuple((a, b) for a, b in (low + size * random.random(shape)).tolist())
 
-        for _ in range(self.count):
-            tries = (draw() for _ in range(_TRIES))
-            found = list(islice((each for each in tries if _are_apart(each, apart)), 1))
-            if not found:
-                raise ConfigError(
-                    f"{plan.path}: places.apart: {contacts} places {1e3 * apart:g} mm apart do not fit: "
-                    "give fewer contacts or a smaller distance"
-                )
-            yield found[0]
+            for _ in range(self.count):
+                tries = (draw() for _ in range(_TRIES))
+                found = next((each for each in tries if _are_apart(each, apart)), None)
+                if found is None:
+                    raise ConfigError(
+                        f"{plan.path}: places.apart: {contacts} places {1e3 * apart:g} mm apart do not fit: "
+                        "give fewer contacts or a smaller distance"
+                    )
+                sets.append(found)
+        return sets
 
 
 class ListedPlaces(DiscPlaces):

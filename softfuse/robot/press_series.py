@@ -89,13 +89,10 @@ def _cable_levels(plan: SweepPlan, config: RobotSettings) -> list[tuple[float, .
     for k, cable in enumerate(plan.cables):
         key = f"{plan.path}: cable[{k}].name"
         if cable.name not in names:
-            known = f"its cables are {_quoted(names)}" if names else "it has none"
+            quoted = ", ".join(f'"{name}"' for name in names)
+            known = f"its cables are {quoted}" if names else "it has none"
             raise ConfigError(f'{key}: {config.path} has no cable "{cable.name}", {known}')
         if cable.name in [other.name for other in plan.cables[:k]]:
             raise ConfigError(f'{key}: the cable "{cable.name}" is given twice')
         levels[cable.name] = cable.all
     return list(levels.values())
-
-
-def _quoted(names: list[str]) -> str:
-    return ", ".join(f'"{name}"' for name in names)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 from jaxtyping import Float
@@ -55,17 +56,10 @@ def volume_readings(
     """Readings one by one, also those that are joined, with those of volumes that follow each other as one:
     the cavities, of others none, and the (first) reading.
     """
-    cavities: list[Cavity] = []
-    first: AbstractReading | None = None
-    for reading in (each for joined in readings for each in joined.single):
-        own = parts_of(reading, Cavity)
-        if own:
-            cavities += own
-            first = first or reading
-            continue
-        if first is not None:
-            yield cavities, first
-            cavities, first = [], None
-        yield [], reading
-    if first is not None:
-        yield cavities, first
+    each = (one for joined in readings for one in joined.single)
+    for volumes, group in groupby(each, lambda one: bool(parts_of(one, Cavity))):
+        together = list(group)
+        if volumes:
+            yield parts_of(together, Cavity), together[0]
+        else:
+            yield from (([], one) for one in together)

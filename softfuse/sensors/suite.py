@@ -117,9 +117,8 @@ class SensorSuite(eqx.Module):
         for each in made:
             if isinstance(each, AbstractSensor):
                 measuring.append(each)
-            else:
-                seeing.append(each)
-        for each in seeing:
+                continue
+            seeing.append(each)
             if each.slots != parts.contacts[each.contact].slots:
                 raise ConfigError(
                     f'sensor "{each.name}" sees {each.slots} contact at once, "{each.contact}" allows '
