@@ -14,6 +14,7 @@ from softfuse.errors import SolveError
 from softfuse.functional import Cavity, flat_punch, uniform
 from softfuse.functional.pressure_cells import even
 from softfuse.functional.skin import Skin
+from softfuse.functional.workspace import nearest_places
 from softfuse.material import NeoHookean
 from softfuse.mechanics import LinearPorts, Loads, Newton, PrescribedForce, State, solve
 from softfuse.mechanics.cable import PulledCable
@@ -88,9 +89,8 @@ def test_support_is_what_the_elements_pass_on(finger) -> None:
     body, void, faces = finger
     rest = np.asarray(body.rest)
     skin = Skin.of(faces, rest, 5e-3)
-    places = skin.places_at(
-        rest, np.array([[0.03, 0.006, 0.02], [0.02, 0.02, 0.006], [0.033, 0.006, -0.01]]), along=(1, 0, 0)
-    )
+    points = np.array([[0.03, 0.006, 0.02], [0.02, 0.02, 0.006], [0.033, 0.006, -0.01]])
+    places = nearest_places(rest, faces, points)
     contacts = (
         FlatIndenter(skin, flat_punch((0.6, 1.0), (4, 8)), 3e-3),
         SphereIndenter(skin, even((0.4, 1.0), (4, 8)), 6e-3, 3e-3),
@@ -124,7 +124,7 @@ def test_support_carries_what_presses_on_held_nodes_too(finger) -> None:
     """A disc over the held end: half of its force never strains the body, and is held all the same."""
     body, _, faces = finger
     skin = Skin.of(faces, np.asarray(body.rest), 5e-3)
-    place = skin.places_at(np.asarray(body.rest), np.array([[0.004, 0.006, 0.02]]), along=(1, 0, 0))[0]
+    place = nearest_places(np.asarray(body.rest), faces, np.array([[0.004, 0.006, 0.02]]))[0]
     loads = Loads((FlatIndenter(skin, flat_punch((0.6, 1.0), (4, 8)), 3e-3).load(body, jnp.asarray(place)),))
     state = _solved(body, loads, [0.5])
     found = np.asarray(Reaction(jnp.zeros(3), jnp.eye(3)).value(body, loads, state))
