@@ -2,10 +2,12 @@
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray
-from softfuse.sensors.crossed.peak_model import PeakModel
+from softfuse.sensors.crossed.peak_follow import follow_peak, no_peak
+from softfuse.sensors.crossed.peak_model import PeakFit, PeakModel, peak_layers, peak_shape
 from softfuse.sensors.crossed.settings import CrossedSettings, TouchSettings
 from softfuse.sensors.crossed.touch import TouchDetector
 from softfuse.sensors.electrodes.detector import ElectrodeDetector
@@ -70,6 +72,22 @@ def crossed(rows: Any, columns: Any, row_depth: float = 1.5e-3, column_depth: fl
 def peak_model(rows: Any, columns: Any, row_depth: float, column_depth: float, **options: Any) -> PeakModel:
     """The peak of a contact of 10 mm."""
     return crossed(rows, columns, row_depth, column_depth, peak=options).peak_model(10e-3)
+
+
+def peak_signal(model: PeakModel, location: Any, amplitude: Any, offset: Any, radius: Any, gap: Any):
+    """Counts (e,) of a cylinder at (2,) m, with amplitudes and offsets (2,) of rows, columns."""
+    response, layer = peak_shape(model)(jnp.append(location, jnp.stack([radius, gap]))), peak_layers(model)
+    return layer @ amplitude * response + layer @ offset
+
+
+def fit_anew(model: PeakModel, signal: Any, valid: Any) -> PeakFit:
+    """What is found of a peak in the first frame in which it is seen."""
+    return follow_peak(model, no_peak(model), signal, valid)[1]
+
+
+def raw_of(sensor: PressureSensor, pressure: Any, reference: Any):
+    """Output Vs (gain P + offset) of a perfect part: pressure P (k,) Pa, reference Vs."""
+    return reference * (sensor.gain_1_Pa * pressure + sensor.offset)
 
 
 def capacitive_array(**options: Any) -> CapacitiveArray:

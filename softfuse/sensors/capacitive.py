@@ -4,8 +4,8 @@
     x = sum(x_k s_col,k) / sum(s_col,k), y alike,
 
 as in the paper (Navarro et al., RA-L 5(4), 2020), but for the gains of the electrodes. Signals are positive
-when something grounded comes near. The weighted mean pulls contacts at the border inwards; `peak_fit` does
-not. The noise of a signal is that of the counts over the gain; all are taken to have that of a gain of one,
+when something grounded comes near. The weighted mean pulls contacts at the border inwards; `peak_follow`
+does not. The noise of a signal is that of the counts over the gain; all are taken to have that of a gain of one,
 because gains are off by some per cent, and where that matters, under a contact, the model's misfit is larger
 than noise.
 

@@ -5,9 +5,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_sensors import leak_test, nxp
+from made_sensors import leak_test, nxp, raw_of
 
-from softfuse.sensors.pressure.filter import pressure_init, pressure_update, raw_of
+from softfuse.sensors.pressure.filter import pressure_init, pressure_update
 from softfuse.sensors.pressure.leak import leak_init, leak_rate, leak_update
 
 RATE = 50.0

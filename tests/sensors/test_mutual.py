@@ -19,7 +19,7 @@ from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.sensors.mutual.field import MutualField, Thing
 from softfuse.sensors.mutual.fit import fit_sources, nothing_known
 from softfuse.sensors.mutual.grid import MutualGrid, MutualReading, mutual_init, mutual_update
-from softfuse.sensors.mutual.model import MutualModel, Sources, mutual_signal, source_signals
+from softfuse.sensors.mutual.model import MutualModel, Sources, source_signals
 from softfuse.sensors.mutual.settings import MutualSplittingSettings
 from softfuse.sensors.mutual.touch_tracks import TouchTracks, optimal_assignment, tracks_init
 
@@ -27,6 +27,11 @@ MM = 1e-3
 ALL = jnp.ones((4, 4), bool)
 SPLITTING = MutualSplittingSettings().splitting()
 Things = Callable[[float], list[Thing]]
+
+
+def mutual_signal(model: MutualModel, sources: Sources):
+    """Image (c, r) [counts] of n sources."""
+    return jnp.sum(source_signals(model, sources), axis=0).reshape(model.gain.shape)
 
 
 def grid_of(model: MutualModel) -> MutualGrid:

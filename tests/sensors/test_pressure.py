@@ -5,9 +5,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_sensors import nxp
+from made_sensors import nxp, raw_of
 
-from softfuse.sensors.pressure.filter import pressure_init, pressure_of, pressure_update, raw_of
+from softfuse.sensors.pressure.filter import pressure_init, pressure_of, pressure_update
 from softfuse.sensors.pressure.sensor import TareSettings
 
 DT = 0.01

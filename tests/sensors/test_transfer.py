@@ -4,11 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_sensors import raw_of
 from pydantic import ValidationError
 from sensor_tables import settings_of
 
 from softfuse.sensors.pressure.data_sheets import PRESSURE_PARTS
-from softfuse.sensors.pressure.filter import pressure_of, raw_of
+from softfuse.sensors.pressure.filter import pressure_of
 from softfuse.sensors.pressure.sensor import PressureSettings
 
 SPAN = {"range": ["-1 kPa", "3 kPa"]}

@@ -127,13 +127,6 @@ def pressure_of(
     return (raw / reference - sensor.offset) / sensor.gain_1_Pa
 
 
-def raw_of(
-    sensor: PressureSensor, pressure_Pa: Float[Array, " k"], reference: Float[Array, ""]
-) -> Float[Array, " k"]:
-    """Output Vs (gain P + offset) of a perfect part: pressure_Pa P (k,) [Pa], reference Vs [V]; (k,) [V]."""
-    return reference * (sensor.gain_1_Pa * pressure_Pa + sensor.offset)
-
-
 def _noise(sensor: PressureSensor) -> Float[Array, " k"]:
     """Standard deviation of one reading at the nominal supply: (k,) [Pa]."""
     return sensor.noise / (sensor.reference * sensor.gain_1_Pa)
