@@ -44,8 +44,7 @@ class BaseWrenchSettings(DirectSettings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if len(self.channels) != len(_NAMES):
-            raise wrong_value(f"{len(self.channels)} for three forces and three moments", key="channels")
+        self._count(len(_NAMES), "three forces and three moments")
         turn = self._rotation
         if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
             raise wrong_value("give three unit vectors at right angles, right-handed", key="axes")

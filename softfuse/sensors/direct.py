@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float
 
 from softfuse.io.quantity import Duration, PositiveNumber, PositiveTime
 from softfuse.sensors.base import AbstractSensor, Measurement, SensorSettings
+from softfuse.sensors.parameters import parameters
 from softfuse.sensors.tare import Tare, TareState, tare_init, tare_known, tare_update, tare_variance
 
 _GAIN_SIGMA = 0.5
@@ -66,10 +67,6 @@ class Direct(AbstractSensor):
     that only a driven actuator makes, ∞ where none does.
     """
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    readings: tuple[str, ...] = eqx.field(static=True)
-    si_units: tuple[str, ...] = eqx.field(static=True)
     tared: bool = eqx.field(static=True)
     convert: AbstractConvert
     rest: Float[Array, " k"]
@@ -79,11 +76,6 @@ class Direct(AbstractSensor):
     average_s: Float[Array, ""]
     tare: Tare
     driven_above: Float[Array, " k"]
-
-    @property
-    def units(self):
-        """As told."""
-        return self.si_units
 
     def init(self):
         """At rest."""
@@ -159,14 +151,7 @@ class DirectSettings(SensorSettings):
         def each(value) -> Array:
             return jnp.broadcast_to(jnp.asarray(value, float), k)
 
-        tare = Tare(
-            offset_sigma_Pa=each(offset_sigma),
-            drift_Pa_s=each(drift),
-            settle_s=jnp.asarray(self.settle, float),
-            follow_s=jnp.asarray(self.follow, float),
-            gate_sigma=jnp.asarray(self.gate_sigma, float),
-            relearn_s=jnp.asarray(self.relearn, float),
-        )
+        tare = parameters(Tare, self, offset_sigma_Pa=each(offset_sigma), drift_Pa_s=each(drift))
         return Direct(
             self.name,
             self.columns,

@@ -12,7 +12,7 @@ import numpy as np
 
 from softfuse.functional.base import MaterialFunctional
 from softfuse.functional.embedded_sheet import EmbeddedSheet
-from softfuse.io.quantity import PositiveCapacitance, PositiveNumber, wrong_value
+from softfuse.io.quantity import PositiveCapacitance, PositiveNumber
 from softfuse.io.settings import Vector
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.sensors.direct import DirectSettings, Scale
@@ -57,8 +57,7 @@ class SheetSettings(DirectSettings):
 
     def model_post_init(self, context, /) -> None:
         """Raise the error of a validator unless there is one channel."""
-        if len(self.channels) != 1:
-            raise wrong_value(f"{len(self.channels)} for one sheet", key="channels")
+        self._count(1, "one sheet")
 
     def _sheet(self, parts: Parts) -> SheetCapacitance:
         return SheetCapacitance(EmbeddedSheet.of(parts.body, np.array(self.centre), np.array(self.edges)))

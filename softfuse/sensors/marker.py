@@ -52,8 +52,7 @@ class MarkerSettings(DirectSettings):
     def _check(self):
         if len(set(self.components)) != len(self.components):
             raise wrong_value("a component is named twice", key="components")
-        if len(self.channels) != len(self.components):
-            raise wrong_value(f"{len(self.channels)} for {len(self.components)} components", key="channels")
+        self._count(len(self.components), f"{len(self.components)} components")
         return self
 
     def _marker(self, parts: Parts) -> Marker:

@@ -86,8 +86,7 @@ class AccelerometerSettings(_OrientationSettings):
 
     @model_validator(mode="after")
     def _check(self):
-        if len(self.channels) != 3:
-            raise wrong_value(f"{len(self.channels)} for three axes", key="channels")
+        self._count(3, "three axes")
         return self
 
     def _rest(self, parts: Parts) -> Float[np.ndarray, "3"]:
@@ -145,8 +144,7 @@ class AttitudeSettings(_OrientationSettings):
 
     @model_validator(mode="after")
     def _check(self):
-        if len(self.channels) != 4:
-            raise wrong_value(f"{len(self.channels)} for the four numbers of a quaternion", key="channels")
+        self._count(4, "the four numbers of a quaternion")
         return self
 
     def sensor(self, parts):

@@ -19,7 +19,6 @@ from softfuse.io.quantity import (
     PositiveNumber,
     PositivePressure,
     PressureRate,
-    wrong_value,
 )
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.sensors.direct import DirectSettings, Scale
@@ -48,8 +47,7 @@ class PointPressureSettings(DirectSettings):
 
     def model_post_init(self, context, /) -> None:
         """Raise the error of a validator unless there is one channel."""
-        if len(self.channels) != 1:
-            raise wrong_value(f"{len(self.channels)} for one barometer", key="channels")
+        self._count(1, "one barometer")
 
     def sensor(self, parts):
         """Raises ConfigError for a point that there is not."""

@@ -97,10 +97,6 @@ class CrossedElectrodes(AbstractContactSensor):
     location.
     """
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    contact: str = eqx.field(static=True)
-    slots: int = eqx.field(static=True)
     weighted_mean: bool = eqx.field(static=True)
     array: CapacitiveArray
     peak: PeakModel

@@ -32,7 +32,7 @@ from softfuse.sensors.electrodes.detector import (
     electrode_init,
     electrode_update,
 )
-from softfuse.sensors.electronics import equal_channels
+from softfuse.sensors.parameters import parameters
 from softfuse.sensors.true_contact import TrueContact
 
 # Of virtual electrodes: counts at rest and by how much they differ, signal in contact and its bound, distance
@@ -67,10 +67,6 @@ class SingleElectrodes(AbstractContactSensor):
     presses.
     """
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    contact: str = eqx.field(static=True)
-    slots: int = eqx.field(static=True)
     detector: ElectrodeDetector
     places: Float[Array, "n 3 3"]
     covariance_m2: Float[Array, "n 2 2"]
@@ -156,7 +152,6 @@ class ElectrodeSettings(CountsSettings):
     """
 
     type: Literal["electrodes"] = "electrodes"
-    contact: str
     electrodes: tuple[ElectrodePlace, ...]
     on_counts: PositiveNumber = 600.0
     off_counts: PositiveNumber = 400.0
@@ -173,29 +168,18 @@ class ElectrodeSettings(CountsSettings):
     def _check(self) -> Self:
         if self.off_counts > self.on_counts:
             raise wrong_value(f"must not exceed on_counts = {self.on_counts:g}", key="off_counts")
-        if len(self.electrodes) != len(self.channels):
-            raise wrong_value(f"{len(self.channels)} for {len(self.electrodes)} electrodes", key="channels")
+        self._count(len(self.electrodes), f"{len(self.electrodes)} electrodes")
         return self
 
     def detector(self) -> ElectrodeDetector:
         """When each electrode is near something, touched, and no longer believed."""
-        count, baseline = len(self.channels), self.baseline
-        return ElectrodeDetector(
-            array=self._array(
-                baseline.time,
-                baseline.creep_time,
-                recovery_time_s=baseline.recovery_time,
-                negative_sigma=baseline.negative_sigma,
-            ),
+        count = len(self.channels)
+        return parameters(
+            ElectrodeDetector,
+            self,
+            array=self._array(self.baseline),
             on_counts=jnp.full(count, self.on_counts, float),
             off_counts=jnp.full(count, self.off_counts, float),
-            near_sigma=jnp.asarray(self.near_sigma, float),
-            on_frames=jnp.asarray(self.on_frames, int),
-            off_frames=jnp.asarray(self.off_frames, int),
-            longest_touch_s=jnp.asarray(self.longest_touch, float),
-            lost_s=jnp.asarray(self.lost, float),
-            quiet_fraction=jnp.asarray(self.quiet_fraction, float),
-            quiet_s=jnp.asarray(self.quiet, float),
         )
 
     def sensor(self, parts):
@@ -208,10 +192,6 @@ class ElectrodeSettings(CountsSettings):
         return SingleElectrodes(
             self.name, self.channels, self.contact, part.slots, self.detector(), places, covariance
         )
-
-    def functional(self, parts):
-        """None: it sees contacts."""
-        return None
 
     @property
     def places(self):
@@ -257,13 +237,8 @@ class ElectrodeSettings(CountsSettings):
         """Electrodes that differ at rest and in contact."""
         del parts
         count = len(self.channels)
-        return equal_channels(
-            count,
-            nothing=_REST,
+        return self._electronics(
+            _REST,
             gain=1.0 + rng.uniform(-_CONTACT_BOUND, _CONTACT_BOUND, count),
             zero=rng.uniform(-_REST_BOUND, _REST_BOUND, count),
-            noise=self.noise_counts,
-            step=1.0,
-            low=self.lowest_counts,
-            high=self.highest_counts,
         )

@@ -37,6 +37,7 @@ from softfuse.sensors.flow.filter import (
     flow_update,
     mean_flow,
 )
+from softfuse.sensors.parameters import parameters
 from softfuse.sensors.transfer import PositiveRaw, Raw, RawSpread, RawWalk, in_output, of_part
 from softfuse.sensors.zero_drift import ZeroDrift
 
@@ -83,9 +84,6 @@ _ZERO_BOUND, _SLOW_SIGMA, _SLOW_TIME_S, _GAIN_BOUND = 0.6, 0.08, 1800.0, 0.01
 class Flow(AbstractSensor):
     """Flow sensors with one filter of their zeros, one on each of some chambers."""
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    readings: tuple[str, ...] = eqx.field(static=True)
     vented: tuple[str, ...] = eqx.field(static=True)
     filter: FlowSensor
 
@@ -98,11 +96,6 @@ class Flow(AbstractSensor):
     def drift(self):
         """That of the zeros."""
         return flow_drift(self.filter)
-
-    @property
-    def units(self):
-        """Volumes."""
-        return ("m^3",) * len(self.readings)
 
     def init(self):
         """Untouched."""
@@ -177,31 +170,18 @@ class FlowSettings(SensorSettings):
                 f"zero = {self.zero:g} must lie between low = {self.low:g} and high = {self.high:g}"
             )
         self._one_each("gain", self.gain, len(self.channels))
-        if len(self.chambers) != len(self.channels):
-            raise wrong_value(f"{len(self.channels)} for {len(self.chambers)} chambers", key="channels")
+        self._count(len(self.chambers), f"{len(self.chambers)} chambers")
         return self
 
     def filter(self) -> FlowSensor:
         """The filter of k channels."""
         count = len(self.channels)
-        return FlowSensor(
+        return parameters(
+            FlowSensor,
+            self,
             zero_V=jnp.full(count, self.zero, float),
             sensitivity_Vs_m3=self.sensitivity * jnp.broadcast_to(jnp.array(self.gain, float), (count,)),
-            low_V=jnp.asarray(self.low, float),
-            high_V=jnp.asarray(self.high, float),
-            drift=ZeroDrift(
-                noise_V=jnp.asarray(self.noise, float),
-                bias_sigma_V=jnp.asarray(self.bias_sigma, float),
-                bias_walk_V=jnp.asarray(self.bias_walk, float),
-                wander_sigma_V=jnp.asarray(self.wander_sigma, float),
-                wander_time_s=jnp.asarray(self.wander_time, float),
-            ),
-            hold_off_s=jnp.asarray(self.hold_off, float),
-            gate_sigma=jnp.asarray(self.gate_sigma, float),
-            relearn_s=jnp.asarray(self.relearn, float),
-            longest_gap_s=jnp.asarray(self.longest_gap, float),
-            lost_sigma_V=jnp.asarray(self.lost_sigma, float),
-            lost_tolerance_s=jnp.asarray(self.lost_tolerance, float),
+            drift=parameters(ZeroDrift, self),
             lag=self.lag_frames,
         )
 
@@ -211,7 +191,9 @@ class FlowSettings(SensorSettings):
             if chamber.drive is not None:
                 raise self._wrong(f'chamber "{name}" has no vent through which gas could flow')
         readings = tuple(f"{self.name} {chamber}" for chamber in self.chambers)
-        return Flow(self.name, self.channels, readings, self.chambers, self.filter())
+        return Flow(
+            self.name, self.channels, readings, ("m^3",) * len(readings), self.chambers, self.filter()
+        )
 
     def functional(self, parts):
         """The changes of the chambers' volumes."""

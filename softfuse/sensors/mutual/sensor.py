@@ -58,10 +58,6 @@ class MutualElectrodes(AbstractContactSensor):
     images allow.
     """
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    contact: str = eqx.field(static=True)
-    slots: int = eqx.field(static=True)
     grid: MutualGrid
     chart: AbstractChart
     low_m: Float[Array, "2"]

@@ -35,6 +35,7 @@ from softfuse.mechanics.reading import AnswerReading, DriveReading, JointReading
 from softfuse.sensors.base import AbstractSensor, Hint, Measurement, Names, SensorSettings, VolumeChange
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.gas import volume_change_of
+from softfuse.sensors.parameters import parameters
 from softfuse.sensors.parts import ChamberPart
 from softfuse.sensors.pressure.data_sheets import PRESSURE_PARTS
 from softfuse.sensors.pressure.filter import (
@@ -73,14 +74,7 @@ class TareSettings(Settings):
     def tare(self, error_Pa: float) -> Tare:
         """How zeros of parts with that error [Pa] are taken."""
         sigma = error_Pa if self.offset_sigma is None else self.offset_sigma
-        return Tare(
-            offset_sigma_Pa=jnp.asarray(sigma, float),
-            drift_Pa_s=jnp.asarray(self.drift, float),
-            settle_s=jnp.asarray(self.settle, float),
-            follow_s=jnp.asarray(self.follow, float),
-            gate_sigma=jnp.asarray(self.gate_sigma, float),
-            relearn_s=jnp.asarray(self.relearn, float),
-        )
+        return parameters(Tare, self, offset_sigma_Pa=sigma)
 
 
 class GasState(eqx.Module):
@@ -101,9 +95,6 @@ class GaugePressure(AbstractSensor):
     reference.
     """
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    readings: tuple[str, ...] = eqx.field(static=True)
     tapped: tuple[str, ...] = eqx.field(static=True)
     sealed: tuple[bool, ...] = eqx.field(static=True)
     supplied: bool = eqx.field(static=True)
@@ -119,11 +110,6 @@ class GaugePressure(AbstractSensor):
     def chambers(self):
         """Those whose gas is sealed in."""
         return tuple(name for name, sealed in zip(self.tapped, self.sealed, strict=True) if sealed)
-
-    @property
-    def units(self):
-        """Pressures."""
-        return ("Pa",) * len(self.readings)
 
     def init(self):
         """At rest."""
@@ -276,8 +262,7 @@ class PressureSettings(SensorSettings):
             low, high = self.reference_range
             raise wrong_value(f"{self.reference:g} is not between {low:g} and {high:g}", key="reference")
         self._one_each("gain", self.gain, len(self.channels))
-        if len(self.chambers) != len(self.channels):
-            raise wrong_value(f"{len(self.channels)} for {len(self.chambers)} chambers", key="channels")
+        self._count(len(self.chambers), f"{len(self.chambers)} chambers")
         return self
 
     @property
@@ -302,22 +287,19 @@ class PressureSettings(SensorSettings):
         # A good part that cannot read below its range may be off by its error there, at rest.
         lowest = low if self.absolute else low - span
         ends = self.reference_range if self.ratiometric and self.reference_range else (-np.inf, np.inf)
-        return PressureSensor(
+        return parameters(
+            PressureSensor,
+            self,
             gain_1_Pa=jnp.full(k, slope, float),
             offset=jnp.full(k, offset, float),
             rest_Pa=jnp.full(k, rest, float),
             low_Pa=jnp.full(k, lowest, float),
             high_Pa=jnp.full(k, high, float),
             lowest_gauge_Pa=jnp.full(k, low - rest, float),
-            reference=jnp.asarray(self.reference, float),
-            reference_low=jnp.asarray(ends[0], float),
-            reference_high=jnp.asarray(ends[1], float),
-            clip_low=jnp.asarray(self.low, float),
-            clip_high=jnp.asarray(self.high, float),
-            noise=jnp.asarray(self.noise, float),
-            gain_sigma=jnp.asarray(self.gain_sigma, float),
-            range_sigma=jnp.asarray(self.range_sigma, float),
-            hold_off_s=jnp.asarray(self.hold_off, float),
+            reference_low=ends[0],
+            reference_high=ends[1],
+            clip_low=self.low,
+            clip_high=self.high,
             tare=self.tare.tare(span),
             leak=self.leak.test(),
             lag=self.lag_frames,
@@ -341,6 +323,7 @@ class PressureSettings(SensorSettings):
             self.name,
             self.columns,
             tuple(f"{self.name} {chamber}" for chamber in self.chambers),
+            ("Pa",) * k,
             self.chambers,
             tuple(chamber.sealed for chamber in chambers),
             self.reference_channel is not None,
