@@ -14,7 +14,6 @@ from softfuse.io.settings import Vector
 from softfuse.mechanics.reaction import Reaction
 from softfuse.mechanics.reading import ReactionReading
 from softfuse.sensors.direct import DirectSettings, Scale
-from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.orientation import Row
 
 _NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -86,10 +85,6 @@ class BaseWrenchSettings(DirectSettings):
     def electronics(self, parts, rng):
         """Axes that differ in zero and gain."""
         del parts
+        noise = np.repeat([self.noise, self.moment_noise], 3)
         sigma = np.repeat([self.offset_sigma, self.moment_offset_sigma], 3)
-        return equal_channels(
-            len(_NAMES),
-            gain=self._gains(rng, len(_NAMES)),
-            zero=rng.normal(0.0, sigma) / self._units,
-            noise=np.repeat([self.noise, self.moment_noise], 3) / self._units,
-        )
+        return self._virtual(rng, 1.0 / self._units, noise=noise, offset_sigma=sigma)

@@ -10,7 +10,6 @@ from softfuse.io.quantity import FORCE, PositiveForce
 from softfuse.mechanics.reading import DriveReading
 from softfuse.sensors.base import Names
 from softfuse.sensors.direct import DirectSettings, Scale
-from softfuse.sensors.electronics import equal_channels
 
 
 class CableTensionSettings(DirectSettings):
@@ -59,10 +58,4 @@ class CableTensionSettings(DirectSettings):
     def electronics(self, parts, rng):
         """Cells that differ in zero and gain."""
         del parts
-        count = len(self.channels)
-        return equal_channels(
-            count,
-            gain=self._gains(rng, count),
-            zero=rng.normal(0.0, self.offset_sigma, count) / self.unit,
-            noise=self.noise / self.unit,
-        )
+        return self._virtual(rng, 1.0 / self.unit, noise=self.noise, offset_sigma=self.offset_sigma)

@@ -31,13 +31,11 @@ from softfuse.io.quantity import (
 from softfuse.io.settings import Direction, NotEmpty, Vector, listed
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.sensors.base import Names
-from softfuse.sensors.direct import AbstractConvert, DirectSettings
+from softfuse.sensors.direct import DRIFT_TIME_S, AbstractConvert, DirectSettings
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.parts import Parts
 
 _CELSIUS = 273.15
-_DRIFT_TIME_S = 600.0
-"""How long virtual wavelengths drift one way."""
 
 
 class StationBending(MaterialFunctional):
@@ -208,7 +206,7 @@ class BraggSettings(DirectSettings):
             nothing=size,
             gain=np.where(size > 0, self._gains(rng, len(size)), 1.0),
             zero=rng.normal(0.0, self.offset_sigma, len(size)) * size,
-            slow_sigma=self.drift * _DRIFT_TIME_S * size,
-            slow_time=_DRIFT_TIME_S,
+            slow_sigma=self.drift * DRIFT_TIME_S * size,
+            slow_time=DRIFT_TIME_S,
             noise=self.noise * size,
         )

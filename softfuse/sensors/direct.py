@@ -19,11 +19,15 @@ from jaxtyping import Array, Bool, Float
 
 from softfuse.io.quantity import Duration, PositiveNumber, PositiveTime
 from softfuse.sensors.base import AbstractSensor, Measurement, SensorSettings
+from softfuse.sensors.electronics import ChannelElectronics, equal_channels
 from softfuse.sensors.parameters import parameters
 from softfuse.sensors.tare import Tare, TareState, tare_init, tare_known, tare_update, tare_variance
 
 _GAIN_SIGMA = 0.5
 """Of virtual parts, in parts of what their settings allow."""
+
+DRIFT_TIME_S = 600.0
+"""How long a virtual zero drifts one way."""
 
 
 class AbstractConvert(eqx.Module):
@@ -166,6 +170,30 @@ class DirectSettings(SensorSettings):
             jnp.asarray(self.average, float),
             tare,
             each(driven_above),
+        )
+
+    def _virtual(
+        self,
+        rng: np.random.Generator,
+        per: float | Float[np.ndarray, " n"],
+        *,
+        noise: float | Float[np.ndarray, " n"],
+        offset_sigma: float | Float[np.ndarray, " n"],
+        drift: float = 0.0,
+        nothing: float | Float[np.ndarray, " n"] = 0.0,
+    ) -> ChannelElectronics:
+        """Parts that differ in gain, about `nothing` (n,), and in zero, which drifts; `per` (n,): raw readings
+        in one of what noise, offset_sigma and the drift per second are told in.
+        """
+        count = len(self.channels)
+        return equal_channels(
+            count,
+            nothing=nothing,
+            gain=self._gains(rng, count),
+            zero=rng.normal(0.0, offset_sigma, count) * per,
+            slow_sigma=drift * DRIFT_TIME_S * per,
+            slow_time=DRIFT_TIME_S,
+            noise=noise * per,
         )
 
     def _gains(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, " k"]:

@@ -18,11 +18,7 @@ from softfuse.io.quantity import Integer, LengthUnit, PositiveNumber, PositiveRe
 from softfuse.io.settings import NotEmpty, Vector, listed
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.sensors.direct import AbstractConvert, Direct, DirectSettings, Scale
-from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.parts import Parts
-
-_DRIFT_TIME_S = 600.0
-"""How long virtual lengths drift one way."""
 
 
 class LengthOfResistance(AbstractConvert):
@@ -109,15 +105,14 @@ class LiquidMetalSettings(LineSettings):
     def electronics(self, parts, rng):
         """Channels that differ at rest and in gain."""
         del parts
-        count, ohm = len(self.channels), 2.0 * self._at_rest
-        return equal_channels(
-            count,
+        ohm = 2.0 * self._at_rest
+        return self._virtual(
+            rng,
+            ohm,
+            noise=self.noise,
+            offset_sigma=self.offset_sigma,
+            drift=self.drift,
             nothing=self._at_rest,
-            gain=self._gains(rng, count),
-            zero=rng.normal(0.0, self.offset_sigma, count) * ohm,
-            slow_sigma=self.drift * _DRIFT_TIME_S * ohm,
-            slow_time=_DRIFT_TIME_S,
-            noise=self.noise * ohm,
         )
 
 
@@ -138,13 +133,7 @@ class LineLengthSettings(LineSettings):
 
     def electronics(self, parts, rng):
         """Lengths that are off at rest, and in gain."""
-        count, length = len(self.channels), self.lengths(parts) / self.unit
-        return equal_channels(
-            count,
-            nothing=length,
-            gain=self._gains(rng, count),
-            zero=rng.normal(0.0, self.offset_sigma, count) * length,
-            slow_sigma=self.drift * _DRIFT_TIME_S * length,
-            slow_time=_DRIFT_TIME_S,
-            noise=self.noise * length,
+        length = self.lengths(parts) / self.unit
+        return self._virtual(
+            rng, length, noise=self.noise, offset_sigma=self.offset_sigma, drift=self.drift, nothing=length
         )

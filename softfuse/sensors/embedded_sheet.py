@@ -16,11 +16,7 @@ from softfuse.io.quantity import PositiveCapacitance, PositiveNumber
 from softfuse.io.settings import Vector
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.sensors.direct import DirectSettings, Scale
-from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.parts import Parts
-
-_DRIFT_TIME_S = 600.0
-"""How long a virtual capacitance drifts one way."""
 
 
 class SheetCapacitance(MaterialFunctional):
@@ -88,12 +84,6 @@ class SheetSettings(DirectSettings):
         """A sheet that is off at rest and in gain."""
         del parts
         whole = self.capacitance / self.unit
-        return equal_channels(
-            1,
-            nothing=whole,
-            gain=self._gains(rng, 1),
-            zero=rng.normal(0.0, self.offset_sigma, 1) * whole,
-            slow_sigma=self.drift * _DRIFT_TIME_S * whole,
-            slow_time=_DRIFT_TIME_S,
-            noise=self.noise * whole,
+        return self._virtual(
+            rng, whole, noise=self.noise, offset_sigma=self.offset_sigma, drift=self.drift, nothing=whole
         )

@@ -17,13 +17,10 @@ from softfuse.functional.orientation import DirectionInPatch, PatchRotation
 from softfuse.functional.rotation import rotation_vector
 from softfuse.io.quantity import PositiveAcceleration, PositiveAngle, PositiveLength, wrong_value
 from softfuse.mechanics.reading import ShapeReading
-from softfuse.sensors.direct import AbstractConvert, DirectSettings, Scale
+from softfuse.sensors.direct import DRIFT_TIME_S, AbstractConvert, DirectSettings, Scale
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.marker import Row
 from softfuse.sensors.parts import Parts
-
-_DRIFT_TIME_S = 600.0
-"""How long a virtual bias drifts one way."""
 
 
 class Attitude(AbstractConvert):
@@ -121,13 +118,8 @@ class AccelerometerSettings(_OrientationSettings):
     def electronics(self, parts, rng):
         """Axes that differ in bias and gain, and drift."""
         del parts
-        return equal_channels(
-            3,
-            gain=self._gains(rng, 3),
-            zero=rng.normal(0.0, self.offset_sigma, 3) / self.unit,
-            slow_sigma=self.drift * _DRIFT_TIME_S / self.unit,
-            slow_time=_DRIFT_TIME_S,
-            noise=self.noise / self.unit,
+        return self._virtual(
+            rng, 1.0 / self.unit, noise=self.noise, offset_sigma=self.offset_sigma, drift=self.drift
         )
 
 
@@ -179,7 +171,7 @@ class AttitudeSettings(_OrientationSettings):
         return equal_channels(
             4,
             zero=rng.normal(0.0, 0.5 * self.offset_sigma, 4),
-            slow_sigma=0.5 * self.drift * _DRIFT_TIME_S,
-            slow_time=_DRIFT_TIME_S,
+            slow_sigma=0.5 * self.drift * DRIFT_TIME_S,
+            slow_time=DRIFT_TIME_S,
             noise=0.5 * self.noise,
         )

@@ -22,11 +22,8 @@ from softfuse.io.quantity import (
 )
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.sensors.direct import DirectSettings, Scale
-from softfuse.sensors.electronics import equal_channels
 
 _PER_READING = Dimension("a pressure", "Pa", "1 Pa")
-_DRIFT_TIME_S = 600.0
-"""How long a virtual zero drifts one way."""
 
 
 class PointPressureSettings(DirectSettings):
@@ -76,12 +73,12 @@ class PointPressureSettings(DirectSettings):
 
     def electronics(self, parts, rng):
         """A barometer that is off at rest and in gain."""
-        return equal_channels(
-            1,
-            nothing=parts.atmosphere / self.unit,
-            gain=self._gains(rng, 1),
-            zero=rng.normal(0.0, self.offset_sigma, 1) / self.unit,
-            slow_sigma=self.drift * _DRIFT_TIME_S / self.unit,
-            slow_time=_DRIFT_TIME_S,
-            noise=self.noise / self.unit,
+        nothing = parts.atmosphere / self.unit
+        return self._virtual(
+            rng,
+            1.0 / self.unit,
+            noise=self.noise,
+            offset_sigma=self.offset_sigma,
+            drift=self.drift,
+            nothing=nothing,
         )
