@@ -12,14 +12,14 @@ from softfuse.sensors.crossed.settings import CrossedSettings, TouchSettings
 from softfuse.sensors.crossed.touch import TouchDetector
 from softfuse.sensors.electrodes.detector import ElectrodeDetector
 from softfuse.sensors.electrodes.sensor import ElectrodeSettings
-from softfuse.sensors.flow.filter import FlowSensor
-from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.flow import Flow, FlowSettings
 from softfuse.sensors.mutual.grid import MutualGrid
 from softfuse.sensors.mutual.model import MutualModel
 from softfuse.sensors.mutual.settings import MutualSettings, MutualShapeSettings
-from softfuse.sensors.pressure.filter import PressureSensor
+from softfuse.sensors.parts import ChamberPart, Parts
 from softfuse.sensors.pressure.leak import LeakTest
-from softfuse.sensors.pressure.sensor import LeakSettings, PressureSettings, TareSettings
+from softfuse.sensors.pressure.sensor import GaugePressure
+from softfuse.sensors.pressure.settings import LeakSettings, PressureSettings, TareSettings
 from softfuse.sensors.tare import Tare
 
 
@@ -33,16 +33,24 @@ def mm(values: Any) -> list[str]:
     return [f"{1e3 * float(value)!r} mm" for value in values]
 
 
-def d6f_p0001a1(channels: int) -> FlowSensor:
+def chambered(chambers: Any, *, drive: int | None = None, atmosphere: float = 101325.0) -> Parts:
+    """A robot of nothing but chambers, vented or sealed with a number of their drive."""
+    nothing: Any = None
+    made = {name: ChamberPart(nothing, drive, sealed=drive is not None) for name in chambers}
+    return Parts(nothing, np.zeros((0, 3), int), made, atmosphere=atmosphere)
+
+
+def d6f_p0001a1(channels: int) -> Flow:
     """OMRON D6F-P0001A1."""
     keys = {"name": "flow", "part": "D6F-P0001A1", "channels": names(channels), "chambers": names(channels)}
-    return FlowSettings.model_validate(keys).filter()
+    return FlowSettings.model_validate(keys).sensor(chambered(names(channels)))
 
 
-def nxp(part: str, channels: int, **options: Any) -> PressureSensor:
+def nxp(part: str, channels: int, **options: Any) -> GaugePressure:
     """NXP pressure sensors under 101325 Pa."""
     keys = {"name": "pressure", "part": part, "channels": names(channels), "chambers": names(channels)}
-    return PressureSettings.model_validate(keys).model_copy(update=options).filter(101325.0)
+    sealed = chambered(names(channels), drive=0)
+    return PressureSettings.model_validate(keys).model_copy(update=options).sensor(sealed)
 
 
 def tare(**options: Any) -> Tare:
@@ -85,7 +93,7 @@ def fit_anew(model: PeakModel, signal: Any, valid: Any) -> PeakFit:
     return follow_peak(model, no_peak(model), signal, valid)[1]
 
 
-def raw_of(sensor: PressureSensor, pressure: Any, reference: Any):
+def raw_of(sensor: GaugePressure, pressure: Any, reference: Any):
     """Output Vs (gain P + offset) of a perfect part: pressure P (k,) Pa, reference Vs."""
     return reference * (sensor.gain_1_Pa * pressure + sensor.offset)
 

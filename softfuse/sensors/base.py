@@ -23,7 +23,7 @@ from softfuse.io.quantity import wrong_value
 from softfuse.io.settings import NotEmpty, Settings
 from softfuse.sensors.electronics import ChannelElectronics, read_channels
 from softfuse.sensors.frame_time import FrameTime
-from softfuse.sensors.reading_drift import DriftModel, ReadingDrift
+from softfuse.sensors.zero_drift import DriftModel, ReadingDrift
 
 if TYPE_CHECKING:
     from softfuse.mechanics.reading import AbstractReading

@@ -182,8 +182,8 @@ class DirectSettings(SensorSettings):
         drift: float = 0.0,
         nothing: float | Float[np.ndarray, " n"] = 0.0,
     ) -> ChannelElectronics:
-        """Parts that differ in gain, about `nothing` (n,), and in zero, which drifts; `per` (n,): raw readings
-        in one of what noise, offset_sigma and the drift per second are told in.
+        """Parts that differ in gain, about `nothing` (n,), and in zero, which drifts; `per` (n,): raw
+        readings in one of what noise, offset_sigma and the drift per second are told in.
         """
         count = len(self.channels)
         return equal_channels(

@@ -14,13 +14,13 @@ from softfuse.sensors.curvature import BraggSettings
 from softfuse.sensors.electrodes.sensor import ElectrodeSettings
 from softfuse.sensors.embedded_line import LineLengthSettings, LiquidMetalSettings
 from softfuse.sensors.embedded_sheet import SheetSettings
-from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.flow import FlowSettings
 from softfuse.sensors.indenter import IndenterSettings
 from softfuse.sensors.marker import MarkerSettings
 from softfuse.sensors.mutual.settings import MutualSettings
 from softfuse.sensors.orientation import AccelerometerSettings, AttitudeSettings
 from softfuse.sensors.point_pressure import PointPressureSettings
-from softfuse.sensors.pressure.sensor import PressureSettings
+from softfuse.sensors.pressure.settings import PressureSettings
 from softfuse.sensors.strain_gauge import StrainGaugeSettings
 
 SENSORS: Mapping[str, type[SensorSettings]] = MappingProxyType(

@@ -36,8 +36,8 @@ from softfuse.sensors.pneumatic_touch import (
     pneumatic_init,
     pneumatic_update,
 )
-from softfuse.sensors.reading_drift import DriftModel, ReadingDrift
 from softfuse.sensors.status import Status
+from softfuse.sensors.zero_drift import DriftModel, ReadingDrift
 
 _START_S = 2.0
 """Time at rest after a robot is switched on that nobody watches: enough for zeros to be taken."""

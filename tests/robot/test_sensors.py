@@ -7,16 +7,25 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_sensors import capacitive_array, d6f_p0001a1, electrode_detector, nxp, peak_model, touch_detector
+from made_sensors import (
+    capacitive_array,
+    chambered,
+    d6f_p0001a1,
+    electrode_detector,
+    names,
+    nxp,
+    peak_model,
+    touch_detector,
+)
 
 from softfuse.errors import ConfigError
 from softfuse.robot.file import load
 from softfuse.sensors.cable_length import CableLengthSettings
 from softfuse.sensors.crossed.settings import CrossedSettings
 from softfuse.sensors.electrodes.sensor import ElectrodeSettings
-from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.flow import FlowSettings
 from softfuse.sensors.mutual.settings import MutualSettings
-from softfuse.sensors.pressure.sensor import PressureSettings
+from softfuse.sensors.pressure.settings import PressureSettings
 
 Write = Callable[..., Path]
 
@@ -27,7 +36,8 @@ LINES = 1e-3 * (-28 + 8 * jnp.arange(8))
 def test_sensors_of_the_pad_are_those_of_their_data_sheets(write: Write) -> None:
     settings = load(write())
     (flow,), (lines,) = settings.sensors_of(FlowSettings), settings.sensors_of(CrossedSettings)
-    assert eqx.tree_equal(flow.filter(), d6f_p0001a1(4))
+    vents = flow.model_copy(update={"channels": tuple(names(4)), "chambers": tuple(names(4))})
+    assert eqx.tree_equal(vents.sensor(chambered(names(4))), d6f_p0001a1(4))
     assert eqx.tree_equal(lines.array(), capacitive_array())
     assert eqx.tree_equal(lines.touch.detector(lines.noise_counts), touch_detector())
     assert eqx.tree_equal(lines.peak_model(10e-3), peak_model(LINES, LINES, 1.5e-3, 1.0e-3))
@@ -37,7 +47,9 @@ def test_sensors_of_the_finger_are_those_of_their_data_sheets(write_finger: Writ
     settings = load(write_finger())
     (pressure,) = settings.sensors_of(PressureSettings)
     assert (pressure.part, pressure.average, pressure.reference) == ("MPX5100A", 0.2, 5.0)
-    assert eqx.tree_equal(pressure.filter(101325.0), nxp("MPX5100A", 6))
+    named = {"name": "pressure", "channels": tuple(names(6)), "chambers": tuple(names(6))}
+    found = pressure.model_copy(update=named).sensor(chambered(names(6), drive=0))
+    assert eqx.tree_equal(found, nxp("MPX5100A", 6))
     (electrodes,) = settings.sensors_of(ElectrodeSettings)
     assert eqx.tree_equal(electrodes.detector(), electrode_detector(12))
 
@@ -54,10 +66,10 @@ def test_settings_reach_flow_sensors_and_lines(write: Write) -> None:
     )
     settings = load(write(*changes))
     (flow,), (lines,) = settings.sensors_of(FlowSettings), settings.sensors_of(CrossedSettings)
-    zeros = flow.filter()
+    zeros = flow.sensor(chambered(flow.chambers))
     np.testing.assert_allclose(zeros.zero_V, 1.0)
     np.testing.assert_allclose(zeros.sensitivity_Vs_m3, 0.12e6)
-    assert (zeros.lag, float(zeros.hold_off_s)) == (7, 1.0)
+    assert (zeros.lag_frames, float(zeros.hold_off_s)) == (7, 1.0)
     array, peak, touch = lines.array(), lines.peak_model(5e-3), lines.touch.detector(lines.noise_counts)
     assert [float(s.noise_counts) for s in (array, peak, touch)] == [4.0] * 3
     assert (float(array.creep_time_s), float(array.negative_sigma)) == (60.0, 3.0)
@@ -76,9 +88,10 @@ def test_settings_reach_pressure_sensors_and_electrodes(write_finger: Write) -> 
         ("off_counts = 400.0 ", 'off_counts = 400.0\nbaseline = { creep_time = "30 s" } '),
     )
     settings = load(write_finger(*changes))
-    pressure = settings.sensors_of(PressureSettings)[0].filter(95e3)
+    (pressure,) = settings.sensors_of(PressureSettings)
+    pressure = pressure.sensor(chambered(pressure.chambers, drive=0, atmosphere=95e3))
     np.testing.assert_allclose(pressure.rest_Pa, 95e3)
-    assert (float(pressure.reference), float(pressure.clip_low), pressure.lag) == (5.1, 3e-3, 7)
+    assert (float(pressure.reference), float(pressure.clip_low), pressure.lag_frames) == (5.1, 3e-3, 7)
     assert (float(pressure.gain_sigma), float(pressure.hold_off_s)) == (0.02, 2.0)
     assert (float(pressure.tare.settle_s), float(pressure.tare.drift_Pa_s)) == (2.0, pytest.approx(0.1))
     leaks = pressure.leak
