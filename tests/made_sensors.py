@@ -10,13 +10,12 @@ from softfuse.sensors.crossed.peak_follow import follow_peak, no_peak
 from softfuse.sensors.crossed.peak_model import PeakFit, PeakModel, peak_layers, peak_shape
 from softfuse.sensors.crossed.settings import CrossedSettings, TouchSettings
 from softfuse.sensors.crossed.touch import TouchDetector
-from softfuse.sensors.electrodes.detector import ElectrodeDetector
-from softfuse.sensors.electrodes.sensor import ElectrodeSettings
+from softfuse.sensors.electrodes import ElectrodeSettings, SingleElectrodes
 from softfuse.sensors.flow import Flow, FlowSettings
 from softfuse.sensors.mutual.grid import MutualGrid
 from softfuse.sensors.mutual.model import MutualModel
 from softfuse.sensors.mutual.settings import MutualSettings, MutualShapeSettings
-from softfuse.sensors.parts import ChamberPart, Parts
+from softfuse.sensors.parts import ChamberPart, ContactPart, Parts
 from softfuse.sensors.pressure.leak import LeakTest
 from softfuse.sensors.pressure.sensor import GaugePressure
 from softfuse.sensors.pressure.settings import LeakSettings, PressureSettings, TareSettings
@@ -38,6 +37,12 @@ def chambered(chambers: Any, *, drive: int | None = None, atmosphere: float = 10
     nothing: Any = None
     made = {name: ChamberPart(nothing, drive, sealed=drive is not None) for name in chambers}
     return Parts(nothing, np.zeros((0, 3), int), made, atmosphere=atmosphere)
+
+
+def touched_at(contact: str, slots: int) -> Parts:
+    """A robot of nothing but a contact with so many slots, whose places sensors name."""
+    nothing: Any = None
+    return Parts(nothing, np.zeros((0, 3), int), contacts={contact: ContactPart(None, 5e-3, slots)})
 
 
 def d6f_p0001a1(channels: int) -> Flow:
@@ -111,13 +116,13 @@ def touch_detector() -> TouchDetector:
     return TouchSettings().detector(8.0)
 
 
-def electrode_detector(count: int, *, creep_time: float = 60.0, **options: Any) -> ElectrodeDetector:
-    """Single electrodes."""
+def single_electrodes(count: int, *, creep_time: float = 60.0, **options: Any) -> SingleElectrodes:
+    """Of which three are followed at once."""
     place = {"name": "one", "centre": mm([0, 0, 0]), "direction": [0, 0, 1]}
     keys = {"name": "skin", "contact": "contact", "channels": names(count), "electrodes": [place] * count}
     baseline = BaselineSettings().model_copy(update={"creep_time": creep_time})
     update = options | {"baseline": baseline}
-    return ElectrodeSettings.model_validate(keys).model_copy(update=update).detector()
+    return ElectrodeSettings.model_validate(keys).model_copy(update=update).sensor(touched_at("contact", 3))
 
 
 def mutual_grid(column_x: Any, row_y: Any, **shape: Any) -> MutualGrid:

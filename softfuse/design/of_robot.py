@@ -62,7 +62,7 @@ from softfuse.robot.robot import build_robot
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.cable_length import CableLengthSettings
 from softfuse.sensors.crossed.settings import CrossedSettings
-from softfuse.sensors.electrodes.sensor import ElectrodeSettings
+from softfuse.sensors.electrodes import ElectrodeSettings
 from softfuse.sensors.flow import FlowSettings
 from softfuse.sensors.mutual.settings import MutualSettings
 from softfuse.sensors.pressure.settings import PressureSettings

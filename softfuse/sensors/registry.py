@@ -11,7 +11,7 @@ from softfuse.sensors.cable_length import CableLengthSettings
 from softfuse.sensors.cable_tension import CableTensionSettings
 from softfuse.sensors.crossed.settings import CrossedSettings
 from softfuse.sensors.curvature import BraggSettings
-from softfuse.sensors.electrodes.sensor import ElectrodeSettings
+from softfuse.sensors.electrodes import ElectrodeSettings
 from softfuse.sensors.embedded_line import LineLengthSettings, LiquidMetalSettings
 from softfuse.sensors.embedded_sheet import SheetSettings
 from softfuse.sensors.flow import FlowSettings

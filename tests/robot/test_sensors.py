@@ -1,6 +1,7 @@
 """Sensors of the examples: what their settings become, and how mistakes in them are told."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import equinox as eqx
@@ -11,18 +12,19 @@ from made_sensors import (
     capacitive_array,
     chambered,
     d6f_p0001a1,
-    electrode_detector,
     names,
     nxp,
     peak_model,
+    single_electrodes,
     touch_detector,
+    touched_at,
 )
 
 from softfuse.errors import ConfigError
 from softfuse.robot.file import load
 from softfuse.sensors.cable_length import CableLengthSettings
 from softfuse.sensors.crossed.settings import CrossedSettings
-from softfuse.sensors.electrodes.sensor import ElectrodeSettings
+from softfuse.sensors.electrodes import ElectrodeSettings
 from softfuse.sensors.flow import FlowSettings
 from softfuse.sensors.mutual.settings import MutualSettings
 from softfuse.sensors.pressure.settings import PressureSettings
@@ -51,7 +53,10 @@ def test_sensors_of_the_finger_are_those_of_their_data_sheets(write_finger: Writ
     found = pressure.model_copy(update=named).sensor(chambered(names(6), drive=0))
     assert eqx.tree_equal(found, nxp("MPX5100A", 6))
     (electrodes,) = settings.sensors_of(ElectrodeSettings)
-    assert eqx.tree_equal(electrodes.detector(), electrode_detector(12))
+    named = {"name": "skin", "contact": "contact", "channels": tuple(names(12))}
+    made = single_electrodes(12)
+    found = electrodes.model_copy(update=named).sensor(touched_at("contact", 3))
+    assert eqx.tree_equal(replace(found, places=made.places, covariance_m2=made.covariance_m2), made)
 
 
 def test_settings_reach_flow_sensors_and_lines(write: Write) -> None:
@@ -97,7 +102,8 @@ def test_settings_reach_pressure_sensors_and_electrodes(write_finger: Write) -> 
     leaks = pressure.leak
     assert (float(leaks.tolerated_1_s), float(leaks.prior_1_s)) == (pytest.approx(1 / 60), 0.25)
     assert float(leaks.repeat_Pa) == 30.0
-    electrodes = settings.sensors_of(ElectrodeSettings)[0].detector()
+    (electrodes,) = settings.sensors_of(ElectrodeSettings)
+    electrodes = electrodes.sensor(touched_at(electrodes.contact, 1))
     np.testing.assert_allclose(electrodes.on_counts, 500.0)
     assert (float(electrodes.lost_s), float(electrodes.quiet_s), int(electrodes.on_frames)) == (0.2, 3.0, 5)
     assert float(electrodes.array.creep_time_s) == 30.0

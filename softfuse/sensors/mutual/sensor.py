@@ -14,10 +14,8 @@ from jaxtyping import Array, Bool, Float
 
 from softfuse.functional.chart import AbstractChart
 from softfuse.sensors.base import AbstractContactSensor, Evidence, Image, Touch
-from softfuse.sensors.contact_places import chart_places
+from softfuse.sensors.contact_places import SlotsUsed, assign_slots, chart_places, slots_init, within
 from softfuse.sensors.mutual.grid import MutualGrid, MutualReading, MutualState, mutual_init, mutual_update
-from softfuse.sensors.slots import ContactSlots, assign_slots, slots_init
-from softfuse.sensors.truncated_place import within
 
 _SQUEEZED_SIGMA = 3.0  # of the flow: below, nothing flows
 
@@ -26,7 +24,7 @@ class GridReading(eqx.Module):
     """What the grid says about one frame."""
 
     grid: MutualReading
-    slots: ContactSlots
+    slots: SlotsUsed
     """Which track is which contact."""
 
     @property
@@ -39,7 +37,7 @@ class GridState(eqx.Module):
     """Memory between frames: of the grid, of the slots (n,), and where their contacts were (n, 2) [m]."""
 
     grid: MutualState
-    slots: ContactSlots
+    slots: SlotsUsed
     at_m: Float[Array, "n 2"]
 
 
