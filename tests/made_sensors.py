@@ -5,6 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from softfuse.functional.chart import FlatChart
 from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray
 from softfuse.sensors.crossed.peak_follow import follow_peak, no_peak
 from softfuse.sensors.crossed.peak_model import PeakFit, PeakModel, peak_layers, peak_shape
@@ -12,8 +13,8 @@ from softfuse.sensors.crossed.settings import CrossedSettings, TouchSettings
 from softfuse.sensors.crossed.touch import TouchDetector
 from softfuse.sensors.electrodes import ElectrodeSettings, SingleElectrodes
 from softfuse.sensors.flow import Flow, FlowSettings
-from softfuse.sensors.mutual.grid import MutualGrid
 from softfuse.sensors.mutual.model import MutualModel
+from softfuse.sensors.mutual.sensor import MutualElectrodes
 from softfuse.sensors.mutual.settings import MutualSettings, MutualShapeSettings
 from softfuse.sensors.parts import ChamberPart, ContactPart, Parts
 from softfuse.sensors.pressure.leak import LeakTest
@@ -39,10 +40,11 @@ def chambered(chambers: Any, *, drive: int | None = None, atmosphere: float = 10
     return Parts(nothing, np.zeros((0, 3), int), made, atmosphere=atmosphere)
 
 
-def touched_at(contact: str, slots: int) -> Parts:
-    """A robot of nothing but a contact with so many slots, whose places sensors name."""
+def touched_at(contact: str, slots: int, chart: FlatChart | None = None) -> Parts:
+    """A robot of nothing but a contact with so many slots, on a face, or where sensors say."""
     nothing: Any = None
-    return Parts(nothing, np.zeros((0, 3), int), contacts={contact: ContactPart(None, 5e-3, slots)})
+    part = ContactPart(chart, 5e-3, slots, np.full(2, -32e-3), np.full(2, 32e-3))
+    return Parts(nothing, np.zeros((0, 3), int), contacts={contact: part})
 
 
 def d6f_p0001a1(channels: int) -> Flow:
@@ -125,7 +127,7 @@ def single_electrodes(count: int, *, creep_time: float = 60.0, **options: Any) -
     return ElectrodeSettings.model_validate(keys).model_copy(update=update).sensor(touched_at("contact", 3))
 
 
-def mutual_grid(column_x: Any, row_y: Any, **shape: Any) -> MutualGrid:
+def mutual_grid(column_x: Any, row_y: Any, **shape: Any) -> MutualElectrodes:
     """A grid of 4 × 4 cells; options of what a finger leaves on it."""
     keys = {
         "name": "grid",
@@ -135,7 +137,10 @@ def mutual_grid(column_x: Any, row_y: Any, **shape: Any) -> MutualGrid:
         "column_x": mm(column_x),
     }
     update = {"shape": MutualShapeSettings().model_copy(update=shape)}
-    return MutualSettings.model_validate(keys).model_copy(update=update).grid()
+    face = FlatChart.along(np.array([0.0, 0.0, -1.0]))
+    return (
+        MutualSettings.model_validate(keys).model_copy(update=update).sensor(touched_at("contact", 1, face))
+    )
 
 
 def mutual_model(column_x: Any, row_y: Any, **shape: Any) -> MutualModel:

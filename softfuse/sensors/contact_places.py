@@ -1,8 +1,8 @@
 """Contacts that sensors see: in which slots they are followed, and where they are.
 
-An electrode, or whatever else is touched, keeps its slot for as long as it is touched: a force that is carried
-from frame to frame belongs to the contact in its slot. Free slots are given to the strongest touched ones
-without one.
+An electrode, or whatever else is touched, keeps its slot for as long as it is touched: a force that is
+carried from frame to frame belongs to the contact in its slot. Free slots are given to the strongest touched
+ones without one.
 """
 
 import equinox as eqx

@@ -135,13 +135,13 @@ def test_the_grid_of_the_example_follows_two_contacts() -> None:
     settings = load(MUTUAL)
     (grid,) = settings.sensors_of(MutualSettings)
     assert settings.contact().at_once == 2 and len(settings.channels) == 4 + 16
-    np.testing.assert_allclose(grid.grid().model.column_x_m, [-24e-3, -8e-3, 8e-3, 24e-3])
+    np.testing.assert_allclose(grid.model().column_x_m, [-24e-3, -8e-3, 8e-3, 24e-3])
 
 
 def test_gains_of_cells_are_given_row_by_row(tmp_path: Path) -> None:
     gain = [1.0 + 0.01 * k for k in range(16)]
     settings = load(written(tmp_path / "pad.toml", "# gain = [...]", f"gain = {gain}"))
-    found = settings.sensors_of(MutualSettings)[0].grid().model.gain
+    found = settings.sensors_of(MutualSettings)[0].model().gain
     assert float(found[1, 0]) == gain[1] and float(found[0, 1]) == gain[4]
 
 

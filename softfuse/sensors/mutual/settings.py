@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Literal, Self
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from pydantic import model_validator
@@ -20,7 +19,6 @@ from softfuse.io.settings import Positions, Settings
 from softfuse.sensors.capacitive import BaselineTimes, CountsSettings
 from softfuse.sensors.mutual.field import MutualField, Thing
 from softfuse.sensors.mutual.fit import Splitting
-from softfuse.sensors.mutual.grid import MutualGrid
 from softfuse.sensors.mutual.model import MutualModel, mean_pitch
 from softfuse.sensors.mutual.sensor import MutualElectrodes
 from softfuse.sensors.mutual.touch_tracks import MOST_TRACKS, TouchFollower
@@ -75,10 +73,6 @@ class MutualSplittingSettings(Settings):
     wander: PositiveLength = 0.6e-3
     iterations: PositiveInteger = 12
 
-    def splitting(self) -> Splitting:
-        """When a further source is believed."""
-        return parameters(Splitting, self)
-
 
 class MutualTouchSettings(Settings):
     """When something is near, touches lightly or firmly, and is gone: parts of contact, frames.
@@ -106,10 +100,6 @@ class MutualTouchSettings(Settings):
             if getattr(self, off) > getattr(self, on):
                 raise wrong_value(f"must not exceed {on} = {getattr(self, on):g}", key=off)
         return self
-
-    def follower(self) -> TouchFollower:
-        """How touches are followed."""
-        return parameters(TouchFollower, self, speed_s=self.speed_time)
 
 
 class MutualSettings(CountsSettings):
@@ -144,33 +134,32 @@ class MutualSettings(CountsSettings):
         """Width of a line [m]."""
         return self.shape.electrode_width or mean_pitch(self.column_x, self.row_y)
 
-    def grid(self) -> MutualGrid:
-        """The grid, what touches it, and how its baseline and its touches are followed."""
+    def model(self) -> MutualModel:
+        """The grid and what touches it."""
         shape = self.shape
         gain = np.ones((4, 4)) if shape.gain is None else np.reshape(shape.gain, (4, 4)).T
-        model = parameters(MutualModel, self, shape, half_width_m=0.5 * self.electrode_width_m, gain=gain)
-        return parameters(
-            MutualGrid,
-            self,
-            self.touch,
-            # Signals of both signs are physical here.
-            array=self._array(self.baseline, recovery_time_s=np.inf, negative_sigma=np.inf),
-            model=model,
-            splitting=self.splitting.splitting(),
-            follower=self.touch.follower(),
-        )
+        return parameters(MutualModel, self, shape, half_width_m=0.5 * self.electrode_width_m, gain=gain)
 
     def sensor(self, parts):
         """Raises ConfigError for a contact that there is not, that presses on no flat face, or in too many
         slots.
         """
-        part = parts.contact_of(self.name, self.contact)
-        chart = self._chart(parts)
+        part, chart = parts.contact_of(self.name, self.contact), self._chart(parts)
         if part.slots > self.touches:
             raise self._wrong(f"{part.slots} contacts at once, but only {self.touches} touches are followed")
-        low, high = jnp.asarray(part.low, float), jnp.asarray(part.high, float)
-        return MutualElectrodes(
-            self.name, self.channels, self.contact, part.slots, self.grid(), chart, low, high
+        return parameters(
+            MutualElectrodes,
+            self,
+            self.touch,
+            slots=part.slots,
+            # Signals of both signs are physical here.
+            array=self._array(self.baseline, recovery_time_s=np.inf, negative_sigma=np.inf),
+            model=self.model(),
+            splitting=parameters(Splitting, self.splitting),
+            follower=parameters(TouchFollower, self.touch, speed_s=self.touch.speed_time),
+            chart=chart,
+            low_m=part.low,
+            high_m=part.high,
         )
 
     @property
