@@ -137,10 +137,8 @@ def mutual_grid(column_x: Any, row_y: Any, **shape: Any) -> MutualElectrodes:
         "column_x": mm(column_x),
     }
     update = {"shape": MutualShapeSettings().model_copy(update=shape)}
-    face = FlatChart.along(np.array([0.0, 0.0, -1.0]))
-    return (
-        MutualSettings.model_validate(keys).model_copy(update=update).sensor(touched_at("contact", 1, face))
-    )
+    pressed = touched_at("contact", 1, FlatChart.along(np.array([0.0, 0.0, -1.0])))
+    return MutualSettings.model_validate(keys).model_copy(update=update).sensor(pressed)
 
 
 def mutual_model(column_x: Any, row_y: Any, **shape: Any) -> MutualModel:

@@ -54,7 +54,7 @@ class CapacitiveArray(eqx.Module):
     gain: Float[Array, "*e"]
     """Counts of each electrode, or of all, for what a nominal one says with one [-]."""
     untouched_counts: Float[Array, "*e"]
-    """What each electrode is known to read untouched, ∞ where nothing is known: see `touched_start`."""
+    """What each electrode is known to read untouched, ∞ where nothing is known: see `crossed.touch`."""
 
 
 class ArrayState(eqx.Module):

@@ -28,7 +28,6 @@ from softfuse.sensors.crossed.diamond_array import (
     array_points,
     array_response,
     array_slopes,
-    line_points,
     mean_pitch,
 )
 
@@ -138,10 +137,9 @@ def peak_shape(model: PeakModel) -> PeakShape:
 @eqx.filter_jit
 def line_shape(model: PeakModel) -> PeakShape:
     """The same, differentiable in the model."""
-    rows = line_points(model.row_y_m, model.column_x_m, model.row_rim_m)
-    columns = line_points(model.column_x_m, model.row_y_m, model.column_rim_m)
+    points = array_points(model.row_y_m, model.column_x_m, model.row_rim_m, model.column_rim_m)
     depth = peak_layers(model) @ jnp.stack([model.row_depth_m, model.column_depth_m])
-    return PeakShape(array_points(rows, columns, mean_pitch(model.row_y_m)), depth)
+    return PeakShape(points, depth)
 
 
 def peak_layers(model: PeakModel) -> Float[Array, "e 2"]:
