@@ -17,7 +17,7 @@ from softfuse.functional.embedded_line import EmbeddedLine
 from softfuse.io.quantity import Integer, LengthUnit, PositiveNumber, PositiveResistance
 from softfuse.io.settings import NotEmpty, Vector, listed
 from softfuse.mechanics.reading import ShapeReading
-from softfuse.sensors.direct import AbstractConvert, Direct, DirectSettings, Scale
+from softfuse.sensors.direct import AbstractConvert, Direct, DirectSettings, Scaled, ScaledSettings
 from softfuse.sensors.parts import Parts
 
 
@@ -61,16 +61,11 @@ class LineSettings(DirectSettings):
     def filter(self, parts: Parts, convert: AbstractConvert) -> Direct:
         """The filter of lengths [m] of the segments, which `convert` tells."""
         length = self.lengths(parts)
-        segments = ("",) if len(length) == 1 else tuple(str(k) for k in range(len(length)))
-        return self._direct(
-            segments,
-            convert,
-            length,
-            units=("m",),
-            noise=self.noise * length,
-            offset_sigma=self.offset_sigma * length,
-            drift=self.drift * length,
-        )
+        return self._direct(self.segments(len(length)), convert, length, units=("m",), size=length)
+
+    def segments(self, count: int) -> tuple[str, ...]:
+        """Names of so many segments."""
+        return ("",) if count == 1 else tuple(str(k) for k in range(count))
 
     def functional(self, parts):
         """Changes of the segments' lengths."""
@@ -106,34 +101,17 @@ class LiquidMetalSettings(LineSettings):
         """Channels that differ at rest and in gain."""
         del parts
         ohm = 2.0 * self._at_rest
-        return self._virtual(
-            rng,
-            ohm,
-            noise=self.noise,
-            offset_sigma=self.offset_sigma,
-            drift=self.drift,
-            nothing=self._at_rest,
-        )
+        return self._virtual(rng, ohm, self.drift, nothing=self._at_rest)
 
 
-class LineLengthSettings(LineSettings):
+class LineLengthSettings(LineSettings, ScaledSettings):
     """What tells the length itself, or by how much a line is longer than at rest, in `unit`."""
 
     type: Literal["line-length"] = "line-length"
     unit: LengthUnit = 1e-3
 
-    def sensor(self, parts):
+    def _scaled(self, parts):
         """Raises MeshError for a line outside the body, ConfigError unless each segment has a channel."""
-        return self.filter(parts, Scale(jnp.asarray(self.unit, float)))
-
-    def ideal(self, parts, time_s, values):
-        """Of changes of length (m, k) m."""
-        del time_s
-        return (self.lengths(parts) + np.asarray(values)) / self.unit
-
-    def electronics(self, parts, rng):
-        """Lengths that are off at rest, and in gain."""
-        length = self.lengths(parts) / self.unit
-        return self._virtual(
-            rng, length, noise=self.noise, offset_sigma=self.offset_sigma, drift=self.drift, nothing=length
-        )
+        length = self.lengths(parts)
+        names = self.segments(len(length))
+        return Scaled(names, ("m",), self.unit, length, size=length, about=length, drift=self.drift)

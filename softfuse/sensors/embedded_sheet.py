@@ -15,7 +15,7 @@ from softfuse.functional.embedded_sheet import EmbeddedSheet
 from softfuse.io.quantity import PositiveCapacitance, PositiveNumber
 from softfuse.io.settings import Vector
 from softfuse.mechanics.reading import ShapeReading
-from softfuse.sensors.direct import DirectSettings, Scale
+from softfuse.sensors.direct import Scaled, ScaledSettings
 from softfuse.sensors.parts import Parts
 
 
@@ -35,7 +35,7 @@ class SheetCapacitance(MaterialFunctional):
         return jnp.atleast_1d(area / jnp.sum(self.sheet.weight) / stretch)
 
 
-class SheetSettings(DirectSettings):
+class SheetSettings(ScaledSettings):
     """A sheet: a parallelogram around `centre` (3,) m with two whole `edges` (3,) m; one channel, in `unit`.
 
     capacitance: at rest; noise: of a reading, offset_sigma: of the capacitance at rest, drift: of that per
@@ -58,32 +58,12 @@ class SheetSettings(DirectSettings):
     def _sheet(self, parts: Parts) -> SheetCapacitance:
         return SheetCapacitance(EmbeddedSheet.of(parts.body, np.array(self.centre), np.array(self.edges)))
 
-    def sensor(self, parts):
-        """The filter; `functional` tells whether the sheet is in the body."""
+    def _scaled(self, parts):
+        """`functional` tells whether the sheet is in the body."""
         del parts
-        return self._direct(
-            ("",),
-            Scale(jnp.asarray(self.unit / self.capacitance, float)),
-            1.0,
-            units=("",),
-            noise=self.noise,
-            offset_sigma=self.offset_sigma,
-            drift=self.drift,
-        )
+        factor = self.unit / self.capacitance
+        return Scaled(("",), ("",), factor, 1.0, about=1.0, drift=self.drift)
 
     def functional(self, parts):
         """C/C₀ − 1. Raises MeshError for a sheet that leaves the body."""
         return ShapeReading(self._sheet(parts))
-
-    def ideal(self, parts, time_s, values):
-        """Of relative changes (m, 1)."""
-        del parts, time_s
-        return (1.0 + np.asarray(values)) * self.capacitance / self.unit
-
-    def electronics(self, parts, rng):
-        """A sheet that is off at rest and in gain."""
-        del parts
-        whole = self.capacitance / self.unit
-        return self._virtual(
-            rng, whole, noise=self.noise, offset_sigma=self.offset_sigma, drift=self.drift, nothing=whole
-        )
