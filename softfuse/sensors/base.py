@@ -21,7 +21,7 @@ from softfuse.errors import ConfigError
 from softfuse.functional.chart import FlatChart
 from softfuse.io.quantity import wrong_value
 from softfuse.io.settings import NotEmpty, Settings
-from softfuse.sensors.electronics import ChannelElectronics, read_channels
+from softfuse.sensors.electronics import ChannelElectronics, Converter
 from softfuse.sensors.frame_time import FrameTime
 from softfuse.sensors.zero_drift import DriftModel, ReadingDrift
 
@@ -293,7 +293,7 @@ class SensorSettings(Settings):
         """
         drawn, noise = (np.random.default_rng(np.random.SeedSequence(list(seed))) for seed in (made, read))
         ideal = self.ideal(parts, time_s, values)
-        return read_channels(self.electronics(parts, drawn), noise, time_s, ideal)
+        return Converter(self.electronics(parts, drawn), noise).read(time_s, ideal)
 
     def _count(self, count: int, what: str) -> None:
         """Raise the error of a validator unless there are so many channels."""

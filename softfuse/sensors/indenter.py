@@ -16,6 +16,7 @@ from softfuse.io.quantity import FORCE, LengthUnit, PositiveForce, PositiveLengt
 from softfuse.sensors.base import AbstractContactSensor, ContactSettings, Evidence, Touch
 from softfuse.sensors.contact_places import chart_place
 from softfuse.sensors.electronics import equal_channels
+from softfuse.sensors.parameters import parameters
 from softfuse.sensors.true_contact import coordinates
 
 
@@ -90,19 +91,7 @@ class IndenterSettings(ContactSettings):
         """Raises ConfigError for a contact that there is not, or that presses on no flat face."""
         part = parts.contact_of(self.name, self.contact)
         chart = self._chart(parts)
-        return Indenter(
-            self.name,
-            self.channels,
-            self.contact,
-            1,
-            chart,
-            jnp.asarray(self.unit, float),
-            jnp.asarray(self.on, float),
-            jnp.asarray(self.off, float),
-            jnp.asarray(self.sigma, float),
-            jnp.asarray(part.low, float),
-            jnp.asarray(part.high, float),
-        )
+        return parameters(Indenter, self, slots=1, chart=chart, low_m=part.low, high_m=part.high)
 
     def signal(self, parts, contacts, moved):
         """x, y [m] and force [N] of the contact, (3,)."""

@@ -23,10 +23,9 @@ from softfuse.io.quantity import (
 )
 from softfuse.io.settings import NotEmpty, Positions, Settings, listed
 from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray, CountsSettings
-from softfuse.sensors.crossed.array_pose import ArrayPose
 from softfuse.sensors.crossed.field import ArrayField, CrossedLines, FieldSettings
 from softfuse.sensors.crossed.peak_model import PeakModel
-from softfuse.sensors.crossed.sensor import CrossedElectrodes
+from softfuse.sensors.crossed.sensor import ArrayPose, CrossedElectrodes
 from softfuse.sensors.crossed.touch import TouchDetector
 from softfuse.sensors.parameters import parameters
 from softfuse.sensors.true_contact import TrueContact, coordinates, face_height
@@ -69,10 +68,6 @@ class TouchSettings(Settings):
             )
         return self
 
-    def detector(self, noise_counts: float) -> TouchDetector:
-        """The decision on lines of that noise."""
-        return parameters(TouchDetector, self, noise_counts=noise_counts)
-
 
 class PeakSettings(Settings):
     """How sure the peak fit is beforehand, as standard deviations, and how it is found.
@@ -91,7 +86,7 @@ class PeakSettings(Settings):
 
 
 class PoseSettings(Settings):
-    """Where the array lies on the body, see `crossed.array_pose`.
+    """Where the array lies on the body, see `crossed.sensor`.
 
     shift in m along x and y, turn in rad, stretch along x and y; sigma_factor: by how much locations spread
     wider than the fit of a peak promises; dent_part: by which part of a dent's depth they do besides.
@@ -187,19 +182,18 @@ class CrossedSettings(CountsSettings):
     def sensor(self, parts):
         """Raises ConfigError for a contact that there is not, or that presses on no flat face."""
         part, chart = parts.contact_of(self.name, self.contact), self._chart(parts)
-        return CrossedElectrodes(
-            self.name,
-            self.channels,
-            self.contact,
-            1,  # profiles of two contacts cannot be told apart
-            self.location == "weighted-mean",
-            self.array(),
-            self.peak_model(part.radius),
-            self.touch.detector(self.noise_counts),
-            self.pose.pose(),
-            chart,
-            jnp.asarray(part.low, float),
-            jnp.asarray(part.high, float),
+        return parameters(
+            CrossedElectrodes,
+            self,
+            slots=1,  # profiles of two contacts cannot be told apart
+            weighted_mean=self.location == "weighted-mean",
+            array=self.array(),
+            peak=self.peak_model(part.radius),
+            detector=parameters(TouchDetector, self.touch, self),
+            pose=self.pose.pose(),
+            chart=chart,
+            low_m=part.low,
+            high_m=part.high,
         )
 
     @property
