@@ -27,8 +27,7 @@ from softfuse.sensors.zero_drift import DriftModel, ReadingDrift
 
 if TYPE_CHECKING:
     from softfuse.mechanics.reading import AbstractReading
-    from softfuse.sensors.parts import Parts
-    from softfuse.sensors.true_contact import TrueContact
+    from softfuse.sensors.parts import Parts, TrueContact
 
 
 class Hint(NamedTuple):

@@ -52,7 +52,7 @@ from softfuse.sensors.capacitive import (
 )
 from softfuse.sensors.contact_places import SlotsUsed, assign_slots, slots_init
 from softfuse.sensors.parameters import parameters
-from softfuse.sensors.true_contact import TrueContact
+from softfuse.sensors.parts import TrueContact
 
 # Of virtual electrodes: counts at rest and by how much they differ, signal in contact and its bound, distance
 # in which it falls to 1/e in widths of an electrode.

@@ -17,7 +17,6 @@ from softfuse.sensors.base import AbstractContactSensor, ContactSettings, Eviden
 from softfuse.sensors.contact_places import chart_place
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.parameters import parameters
-from softfuse.sensors.true_contact import coordinates
 
 
 class Indenter(AbstractContactSensor):
@@ -100,7 +99,7 @@ class IndenterSettings(ContactSettings):
         if len(contacts) != 1:
             raise self._wrong(f"a stage has one indenter, not {len(contacts)}")
         (contact,) = contacts
-        at = coordinates(chart, contact)
+        at = chart.coordinates(contact.place)
         return np.array([*at, contact.force])
 
     def ideal(self, parts, time_s, values):

@@ -28,7 +28,7 @@ from softfuse.sensors.crossed.peak_model import PeakModel
 from softfuse.sensors.crossed.sensor import ArrayPose, CrossedElectrodes
 from softfuse.sensors.crossed.touch import TouchDetector
 from softfuse.sensors.parameters import parameters
-from softfuse.sensors.true_contact import TrueContact, coordinates, face_height
+from softfuse.sensors.parts import Parts, TrueContact
 
 Fraction = Annotated[Number, Gt(0), Lt(1)]
 
@@ -206,7 +206,7 @@ class CrossedSettings(CountsSettings):
         middle = _field(self._lines, part.radius).panels.middle
         pose, d = self.pose.pose(), np.asarray(chart.direction)
         at = np.array([chart.place(pose.on_body(jnp.asarray(each[:2])))[0] for each in middle])
-        depth = -face_height(parts, d) - middle[:, 2]
+        depth = -_face_height(parts, d) - middle[:, 2]
         return at + (depth - at @ d)[:, None] * d
 
     def signal(self, parts, contacts: Sequence[TrueContact], moved: Float[np.ndarray, "m 3"]):
@@ -226,9 +226,9 @@ class CrossedSettings(CountsSettings):
             raise self._wrong("crossed lines see one contact, not several at once")
         (contact,) = contacts
         d, rest = np.asarray(chart.direction), field.panels.middle
-        local = coordinates(chart, contact)
+        local = chart.coordinates(contact.place)
         x, y = np.asarray(self.pose.pose().on_array(jnp.asarray(local)))
-        placed = np.column_stack([rest[:, :2], -(moved @ d) - face_height(parts, d)])
+        placed = np.column_stack([rest[:, :2], -(moved @ d) - _face_height(parts, d)])
         under = np.hypot(rest[:, 0] - x, rest[:, 1] - y) < part.radius
         for layer in np.unique(rest[:, 2]):
             those = under & (rest[:, 2] == layer)
@@ -257,3 +257,9 @@ class CrossedSettings(CountsSettings):
 @cache
 def _field(lines: CrossedLines, radius: float) -> ArrayField:
     return ArrayField(lines, FieldSettings(radius=radius))
+
+
+def _face_height(parts: Parts, direction: Float[np.ndarray, "3"]) -> float:
+    """How far [m] the outermost point of the body's faces is against a direction (3,), from the origin."""
+    nodes = np.unique(np.asarray(parts.faces))
+    return float(np.max(-np.asarray(parts.body.rest)[nodes] @ direction))
