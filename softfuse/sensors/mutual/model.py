@@ -25,13 +25,10 @@ Both effects are small against the whole capacitance, so they add up. Then cross
 (minus while something grounded hovers), as images (c, r) with the first index along x.
 """
 
-from collections.abc import Sequence
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 _FAINTEST = 1e-3  # of contact: below, shielding has no distance to speak of
@@ -45,6 +42,12 @@ def _unit_disc() -> Float[np.ndarray, "q 2"]:
 
 
 _DISC = _unit_disc()
+
+
+def mean_pitch(column_x, row_y):
+    """Mean distance between neighbours among lines at column_x (c,) and among those at row_y (r,)."""
+    x, y = ((line[-1] - line[0]) / (len(line) - 1) for line in (column_x, row_y))
+    return 0.5 * (x + y)
 
 
 class MutualModel(eqx.Module):
@@ -78,8 +81,7 @@ class MutualModel(eqx.Module):
     @property
     def pitch_m(self) -> Float[Array, ""]:
         """Mean distance between neighbouring lines [m]."""
-        x, y = self.column_x_m, self.row_y_m
-        return 0.5 * ((x[-1] - x[0]) / (x.shape[0] - 1) + (y[-1] - y[0]) / (y.shape[0] - 1))
+        return mean_pitch(self.column_x_m, self.row_y_m)
 
 
 class Sources(eqx.Module):
@@ -91,14 +93,6 @@ class Sources(eqx.Module):
     """(n,) shielding s >= 0; 1 in contact."""
     coupling: Float[Array, " n"]
     """(n,) coupling k >= 0, in the same unit."""
-
-
-def mean_pitch(
-    column_x_m: Float[ArrayLike, " c"] | Sequence[float], row_y_m: Float[ArrayLike, " r"] | Sequence[float]
-) -> float:
-    """Mean distance [m] of neighbours among columns at column_x_m (c,) and among rows at row_y_m (r,) [m]."""
-    pitches = [np.mean(np.diff(np.asarray(lines, float))) for lines in (column_x_m, row_y_m)]
-    return float(np.mean(pitches))
 
 
 def height_of(model: MutualModel, shield: Float[Array, ""]) -> Float[Array, ""]:
@@ -163,8 +157,3 @@ def _with_crosstalk(model: MutualModel, change: Float[Array, "c r"]) -> Float[Ar
 def source_signals(model: MutualModel, sources: Sources) -> Float[Array, "n e"]:
     """Signal of each source at all cells (n, c r) [counts]."""
     return jax.vmap(one_signal, (None, 0, 0, 0))(model, sources.place_m, sources.shield, sources.coupling)
-
-
-def mutual_signal(model: MutualModel, sources: Sources) -> Float[Array, "c r"]:
-    """Image (c, r) [counts] of n sources, first index along x."""
-    return jnp.sum(source_signals(model, sources), axis=0).reshape(model.gain.shape)
