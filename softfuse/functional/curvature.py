@@ -79,11 +79,6 @@ class Curvature(MaterialFunctional):
         """Three for each station."""
         return 3 * self.across.shape[0]
 
-    @property
-    def nodes(self):
-        """Of all elements that the gauges pass through."""
-        return self.points.nodes.ravel()
-
     def __call__(self, rest, displacement):
         """ε [-], κ₁ and κ₂ [1/m] of one station after the other (count,)."""
         s = self.across.shape[0]

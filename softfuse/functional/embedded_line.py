@@ -75,11 +75,6 @@ class EmbeddedLine(MaterialFunctional):
         """One for each segment."""
         return self.segments
 
-    @property
-    def nodes(self):
-        """Of all elements that the curve passes through."""
-        return self.points.nodes.ravel()
-
     def __call__(self, rest, displacement):
         """Lengths (count,) [m] of the segments."""
         stretched = jnp.einsum("gij,gj->gi", self.points.deformation(rest, displacement), self.tangent)

@@ -58,11 +58,6 @@ class DirectionInPatch(MaterialFunctional):
         """Three components."""
         return 3
 
-    @property
-    def nodes(self):
-        """Of the patch's elements."""
-        return self.points.nodes.ravel()
-
     def __call__(self, rest, displacement):
         """(R M)ᵀ g (3,)."""
         return self.mounting.T @ (patch_rotation(self.points, rest, displacement).T @ self.direction)
@@ -96,11 +91,6 @@ class PatchRotation(MaterialFunctional):
     def count(self):
         """Three components."""
         return 3
-
-    @property
-    def nodes(self):
-        """Of the patch's elements."""
-        return self.points.nodes.ravel()
 
     def attitude(self, rest: Float[Array, "k 3"], displacement: Float[Array, "k 3"]) -> Float[Array, "3 3"]:
         """R M (3, 3): the sensor's axes in the world."""

@@ -43,11 +43,6 @@ class PointPressure(AbstractFunctional):
         regions = np.searchsorted(np.cumsum(body.counts), element, side="right")
         return cls(points, jnp.asarray(corners), tuple(regions.tolist()))
 
-    @property
-    def nodes(self):
-        """Of the ball's elements."""
-        return self.points.nodes.ravel()
-
     def value(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, ""]:
         """The pressure [Pa] at unknowns z (n,) of a body that watches the functional's nodes."""
         f = jnp.moveaxis(self.points.deformation(body.rest, body.watched(z)), 0, -1)

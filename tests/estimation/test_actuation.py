@@ -14,8 +14,9 @@ import pytest
 from softfuse.body import LINEAR, Body, mesh_for
 from softfuse.estimation.limits import Limits, Rates, within_rates
 from softfuse.estimation.step import Observation, exact_steps, strokes
-from softfuse.functional import Marker, uniform
 from softfuse.functional.chart import facing
+from softfuse.functional.marker import Marker
+from softfuse.functional.pressure_cells import uniform
 from softfuse.functional.skin import Skin
 from softfuse.material import NeoHookean
 from softfuse.mechanics import RESULTS

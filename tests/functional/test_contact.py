@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, QUADRATIC, Body, mesh_for
-from softfuse.functional import Contact, ContactSurface, flat_punch, uniform
+from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.pressure_cells import flat_punch, uniform
 from softfuse.material import NeoHookean
 from softfuse.mesh.surface import boundary_faces
 

@@ -16,7 +16,8 @@ import pytest
 from scipy.integrate import solve_bvp
 
 from softfuse.body import QUADRATIC, TAYLOR_HOOD, Body, mesh_for
-from softfuse.functional import Contact, flat_punch
+from softfuse.functional.contact import Contact
+from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean, SaintVenantKirchhoff
 from softfuse.mechanics import (
     RESULTS,

@@ -15,8 +15,9 @@ from softfuse.errors import SolveError
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
-from softfuse.functional import EmbeddedLine, PointPressure
 from softfuse.functional.chart import facing
+from softfuse.functional.embedded_line import EmbeddedLine
+from softfuse.functional.point_pressure import PointPressure
 from softfuse.material import MooneyRivlin, NeoHookean
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model, compliance, simulate
