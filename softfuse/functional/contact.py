@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.body.base import AbstractBody
 from softfuse.body.shape import linear, quadratic
+from softfuse.functional.chart import across
 from softfuse.functional.face_search import AbstractFaceSearch, EveryFace, FaceBuckets
 from softfuse.functional.pressure_cells import PressureCells
 from softfuse.material.base import constant
@@ -130,10 +131,7 @@ class ContactSurface(eqx.Module):
 
 def _axes(direction: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "2 3"]]:
     """The unit vector of a direction (3,), and unit tangents (2, 3) across it whose cross product it is."""
-    d = np.asarray(direction, float) / np.linalg.norm(direction)
-    first = np.eye(3)[np.argmin(np.abs(d))]
-    first = first - d * (first @ d)
-    first /= np.linalg.norm(first)
+    d, first = across(direction)
     return d, np.stack([first, np.cross(d, first)])
 
 
@@ -200,20 +198,6 @@ class Contact(eqx.Module):
 
     def _over_cells(self, each: Float[Array, " p"]) -> Float[Array, " m"]:
         return jnp.zeros(self.cells.count).at[self.cells.cell].add(each)
-
-    def nodal(self, body: AbstractBody) -> tuple[Int[Array, "p s"], Float[Array, "p s"]]:
-        """The nodes (p, s) that carry a newton in a point's cell, and their parts (p, s) [-] of it, along the
-        direction; the point's cell is `cells.cell`. Nodes may come several times, and held ones come too.
-        """
-        on = self.landed(body)
-        return on.nodes, self.parts(on)
-
-    def rows(self, body: AbstractBody) -> Float[Array, "n m"]:
-        """∂g_k/∂z (n, m) [-]: nodal forces per newton in cell k; its transpose times z gives the
-        displacements g (m,) [m].
-        """
-        nodes, force = self.nodal(body)
-        return body.spread_along(self.surface.direction, nodes, force, self.cells.cell, self.cells.count)
 
     def frame(self, body: AbstractBody) -> tuple[Float[Array, " 9"], Float[Array, "n 9"]]:
         """Mean position x (3,) [m] of the patch and its mean tangents ∂x/∂s_1, ∂x/∂s_2 (3,) [-] at rest, and

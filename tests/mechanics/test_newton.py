@@ -32,6 +32,7 @@ from softfuse.mechanics import (
     solve,
 )
 from softfuse.mechanics.sparse import SparseLU
+from softfuse.mechanics.surface_ports import CellPorts
 from softfuse.mesh.surface import boundary_faces
 
 LOAD, YOUNG, HEIGHT = 3.0, 1e6, 1e-3
@@ -133,7 +134,7 @@ def pressed(pad, top):
         start = State.rest(body, loads) if start is None else start
         return _solve(newton, body, loads, jnp.array([force]), start)
 
-    return body, contact.rows(body), at
+    return body, CellPorts.of(contact, body).slopes, at
 
 
 @pytest.mark.parametrize("force", [0.1, 2.0, 10.0])
