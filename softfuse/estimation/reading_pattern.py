@@ -21,10 +21,7 @@ from softfuse.estimation.model_error import missed, whitening
 _CHANGED = 0.05
 """Part of a reading by which the pattern of a small force may be off that of a large one."""
 _CLEARLY = 9.0
-"""By how much χ² has to be less elsewhere for the search to begin anew there, and up to which more a place is
-one of several that explain the readings."""
-_APART = 2.0
-"""Pitches: within so many a place is no local minimum beside a better one."""
+"""By how much χ² has to be less elsewhere for the search to begin anew there."""
 
 
 def offsets(place: Float[np.ndarray, "3 3"], others: Float[np.ndarray, "s 3 3"]) -> Float[np.ndarray, "s 2"]:
@@ -83,20 +80,6 @@ class PatternFit:
         """The best place (3, 3), None where it is not clearly better than another one (3, 3)."""
         here = np.argmin(np.sum((self.place[:, 0] - place[0]) ** 2, axis=1))
         return self.place[self.best] if self.missing[here] - self.missing[self.best] > _CLEARLY else None
-
-    @property
-    def minima(self) -> list[int]:
-        """The numbers of places that explain the readings about as well as the best, each better than all
-        around it; the best first.
-        """
-        found: list[int] = []
-        for number in np.argsort(self.missing):
-            if self.missing[number] > self.missing[self.best] + _CLEARLY:
-                break
-            away = [np.linalg.norm(self.place[number, 0] - self.place[k, 0]) for k in found]
-            if all(each > _APART * self.pitch_m.max() for each in away):
-                found.append(int(number))
-        return found
 
     def elsewhere(self, place: Float[np.ndarray, "3 3"], force_N: float) -> Elsewhere:
         """Presses that explain the readings too, further than the grid's pitch from one at a place (3, 3)
