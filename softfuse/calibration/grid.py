@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.calibration.presses import Answer
-from softfuse.estimation.reading_spread import ReadingSpread
+from softfuse.estimation.model_error import ReadingSpread
 
 _SIDE = 11
 """Places in each direction."""

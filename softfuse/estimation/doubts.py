@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.estimation.estimator import Estimate
-from softfuse.estimation.model_error import ModelError
-from softfuse.estimation.reading_spread import read_spread
+from softfuse.estimation.model_error import ModelError, read_spread
 from softfuse.robot.robot import Robot
 from softfuse.sensors.status import Status
 from softfuse.sensors.suite import Observation

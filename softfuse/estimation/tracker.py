@@ -2,7 +2,7 @@
 
 The sensors decide what touches and where; each frame's readings drive one estimate step, in which only those
 contacts may press that touch. What no sensor sees is told by readings that nothing else explains
-(`touch_by_readings`). While nothing touches a robot without actuators, its body is taken to rest. What the
+(`unseen_touch`). While nothing touches a robot without actuators, its body is taken to rest. What the
 model misses while nothing is near is taken off the readings of the touch that follows (`model_offset`). What
 cannot be trusted gets a status, and a number that would be a guess is NaN. Nothing here is threaded, but for
 compiling, or reads files; `hardware` does that.

@@ -1,18 +1,234 @@
-"""A contact that no sensor sees, followed by what readings say that nothing else explains.
+"""A contact that no sensor sees: where readings say that something presses which nothing else explains, and
+whether it does.
+
+A press with a small force F at a place p changes the readings by F w(p), w = ∂s/∂F of the robot as it is
+(`push_response`). Of readings y that nothing else explains, with errors of covariance L Lᵀ, the place where
+
+    χ²(p) = min over F ≥ 0 of |L⁻¹ (y − F w(p))|²
+
+is least explains them best. That is rough, as under larger forces patterns change, but it finds the region
+from which the estimate's own steps go on to the place itself, and tells of others that the readings do not
+rule out: presses there have a share of exp(−χ²/2) over that of all.
 
 Unexplained is what is read minus what the model would read if nothing pressed: in frames in which nothing
 does that is its reading, later the same and what actuators have added since.
 """
 
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from softfuse.estimation.estimator import Estimate, Estimator
-from softfuse.estimation.pattern_search import PatternSearch
-from softfuse.estimation.reading_pattern import PatternFit
+from softfuse.estimation.model_error import missed, whitening
 from softfuse.estimation.reduced_estimator import ReducedEstimator
-from softfuse.estimation.touch_by_readings import TouchByReadings
+from softfuse.estimation.rest_response import push_response
 from softfuse.robot.robot import Robot
+
+_CHANGED = 0.05
+"""Part of a reading by which the pattern of a small force may be off that of a large one."""
+_CLEARLY = 9.0
+"""By how much χ² has to be less elsewhere for the search to begin anew there."""
+
+
+def offsets(place: Float[np.ndarray, "3 3"], others: Float[np.ndarray, "s 3 3"]) -> Float[np.ndarray, "s 2"]:
+    """How far others (s, 3, 3) are from a place (3, 3), along its tangents (s, 2) [m]."""
+    return (others[:, 0] - place[0]) @ place[1:].T
+
+
+def pattern_fit(
+    places: Float[np.ndarray, "s 3 3"],
+    pitch_m: Float[np.ndarray, "2"],
+    slope: Float[np.ndarray, "s k"],
+    reading: Float[np.ndarray, " k"],
+    covariance: Float[np.ndarray, "k k"],
+    valid: Bool[np.ndarray, " k"],
+    kind: Int[np.ndarray, " k"] | None = None,
+) -> "PatternFit":
+    """How well a press at each place (s, 3, 3), `pitch_m` (2,) apart, with readings per newton (s, k) [SI/N]
+    explains valid readings (k,) of a covariance (k, k) and of so many kinds (k,), see `model_error.missed`.
+    """
+    reading = np.where(valid, reading, 0.0)
+    white = whitening(covariance + np.diag(missed(reading, _CHANGED, kind) ** 2), valid)
+    seen, slope = white @ reading, slope @ white.T
+    size = np.maximum(np.sum(slope**2, axis=1), np.finfo(float).tiny)
+    force = np.maximum(slope @ seen, 0.0) / size
+    return PatternFit(places, pitch_m, force, seen @ seen - force**2 * size, float(seen @ seen))
+
+
+class Elsewhere(NamedTuple):
+    """What share [-] presses elsewhere have, and the mean squares of how far places, along the estimate's
+    tangents (2,) [m²], and the force [N²] of these are from the estimate.
+    """
+
+    share: float
+    place_m2: Float[np.ndarray, "2"]
+    force_N2: float
+
+
+@dataclass(frozen=True, eq=False)
+class PatternFit:
+    """The force (s,) [N] that explains readings best at each place (s, 3, 3), `pitch_m` (2,) apart, and its
+    χ² (s,); and χ² without any.
+    """
+
+    place: Float[np.ndarray, "s 3 3"]
+    pitch_m: Float[np.ndarray, "2"]
+    force_N: Float[np.ndarray, " s"]
+    missing: Float[np.ndarray, " s"]
+    unexplained: float
+
+    @property
+    def best(self) -> int:
+        """The number of the place that explains them best."""
+        return int(np.argmin(self.missing))
+
+    def better(self, place: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"] | None:
+        """The best place (3, 3), None where it is not clearly better than another one (3, 3)."""
+        here = np.argmin(np.sum((self.place[:, 0] - place[0]) ** 2, axis=1))
+        return self.place[self.best] if self.missing[here] - self.missing[self.best] > _CLEARLY else None
+
+    def elsewhere(self, place: Float[np.ndarray, "3 3"], force_N: float) -> Elsewhere:
+        """Presses that explain the readings too, further than the grid's pitch from one at a place (3, 3)
+        with a force [N].
+        """
+        off = offsets(place, self.place)
+        away = np.linalg.norm(self.place[:, 0] - place[0], axis=1) > np.linalg.norm(self.pitch_m)
+        away |= np.any(np.abs(off) > self.pitch_m, axis=1)
+        part = np.exp(-0.5 * (self.missing - self.missing.min()))
+        part = np.where(away, part / part.sum(), 0.0)
+        share = part.sum()
+        part = part / max(share, np.finfo(float).tiny)
+        return Elsewhere(float(share), part @ off**2, float(part @ (self.force_N - force_N) ** 2))
+
+
+@dataclass(frozen=True)
+class TouchSettings:
+    """When a touch begins and ends.
+
+    It begins when a press somewhere on the surface explains the readings better than none by more than
+    `on_chi2`, in `on_frames` frames in a row, and leaves less than `left` of what nothing had explained: what
+    no press explains is the model's error, not a touch. It ends when its force has been within `off_sigma`
+    standard deviations of 0 for `off_frames` frames.
+    """
+
+    on_chi2: float = 36.0
+    on_frames: int = 3
+    left: float = 0.5
+    off_sigma: float = 2.0
+    off_frames: int = 5
+
+
+class TouchByReadings:
+    """Follows one contact that readings alone tell of."""
+
+    def __init__(self, settings: TouchSettings = TouchSettings()):
+        """Nothing touches."""
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self.touching, self._frames = False, 0
+
+    def begins(self, fit: PatternFit) -> bool:
+        """Whether it touches after a frame in which nothing did, with what presses all over would explain."""
+        left = fit.missing[fit.best]
+        told = (
+            fit.unexplained - left > self._settings.on_chi2 and left < self._settings.left * fit.unexplained
+        )
+        return self._counted(told, self._settings.on_frames)
+
+    def ends(self, force_N: float, sigma_N: float) -> bool:
+        """Whether it has gone after a frame in which it pressed with such a force, so surely known."""
+        gone = not force_N > self._settings.off_sigma * sigma_N
+        return not self._counted(gone, self._settings.off_frames)
+
+    def _counted(self, changes: bool, frames: int) -> bool:
+        self._frames = self._frames + 1 if changes else 0
+        if self._frames >= frames:
+            self.touching, self._frames = not self.touching, 0
+        return self.touching
+
+
+_SIDE = 13
+"""Places along each side of a workspace that are compared with readings."""
+_POSTURE_CHANGED = 0.05
+"""Part of an actuator's range by which it may move before patterns are computed anew."""
+
+
+class _Pattern(NamedTuple):
+    """Where presses of the contact `slot` are looked for: places (s, 3, 3), `pitch_m` (2,) apart, and
+    readings per newton there (s, k) of the robot at rest.
+    """
+
+    places: Float[np.ndarray, "s 3 3"]
+    pitch_m: Float[np.ndarray, "2"]
+    slot: int
+    slopes: Float[np.ndarray, "s k"]
+
+
+class PatternSearch:
+    """Readings of presses all over the surface that the first contact may be on which no sensor sees, or the
+    first with a workspace; slopes are those of the estimator's body as it stands, kept while it does.
+    """
+
+    def __init__(self, robot: Robot, estimator: Estimator | ReducedEstimator):
+        """Nothing is computed before `prepare`."""
+        self._robot, self._estimator = robot, estimator
+        self._pattern: Future[_Pattern] | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the slopes."""
+        self._slopes: Float[np.ndarray, "s k"] | None = None
+        self._posture = np.zeros(0)
+
+    def prepare(self) -> Future[_Pattern]:
+        """Find the places and what presses there do at rest; begun on a thread of its own, as it takes some
+        seconds.
+        """
+        if self._pattern is None:
+            thread = ThreadPoolExecutor(1)
+            self._pattern = thread.submit(self._patterned)
+            thread.shutdown(wait=False)
+        return self._pattern
+
+    def fit(
+        self,
+        posture: Float[np.ndarray, " a"],
+        reading: Float[np.ndarray, " k"],
+        covariance: Float[np.ndarray, "k k"],
+        *,
+        fresh: bool,
+    ) -> PatternFit:
+        """How well presses all over explain readings (k,), NaN where unknown, of errors (k, k).
+
+        `posture` (a,): of actuators, as parts of their ranges; where it has changed, slopes are computed anew
+        while the body is `fresh`: not pressed.
+        """
+        pattern = self.prepare().result()
+        if self._slopes is None:
+            self._slopes, self._posture = pattern.slopes, np.zeros_like(posture)
+        if fresh and np.any(np.abs(posture - self._posture) > _POSTURE_CHANGED):
+            places, of = jnp.asarray(pattern.places), self._estimator
+            self._slopes = np.asarray(push_response(of.device, places, of.state, pattern.slot))
+            self._posture = posture
+        valid, kinds = np.isfinite(reading), self._robot.reading_kinds
+        return pattern_fit(pattern.places, pattern.pitch_m, self._slopes, reading, covariance, valid, kinds)
+
+    def _patterned(self) -> _Pattern:
+        robot, model = self._robot, self._estimator.device
+        flags = robot.unseen if robot.unseen.any() else [each is not None for each in robot.workspaces]
+        slot = int(np.argmax(flags))
+        workspace = robot.workspaces[slot]
+        assert workspace is not None  # the tracker has told
+        places, pitch = workspace.grid(_SIDE)
+        slopes = np.asarray(push_response(model, jnp.asarray(places), model.rest_state(()), slot))
+        return _Pattern(places, pitch, slot, slopes)
 
 
 class UnseenTouch:

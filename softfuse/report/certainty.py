@@ -17,8 +17,7 @@ from softfuse.calibration.fit import Fit
 from softfuse.calibration.grid import Grid
 from softfuse.calibration.of_robot import Fitted, build_pose_prior, pose_edits
 from softfuse.calibration.presses import Answer, Applied
-from softfuse.estimation.model_error import missed
-from softfuse.estimation.reading_spread import write_spread
+from softfuse.estimation.model_error import missed, write_spread
 from softfuse.functional.chart import facing
 from softfuse.report.presses import Felt
 from softfuse.robot.file import Edits

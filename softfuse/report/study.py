@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from softfuse.estimation.shape_spread import displacement_sigma
+from softfuse.estimation.posterior import displacement_sigma
 from softfuse.estimation.stream import Estimate
 from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.accuracy import Samples, Spread, force_table, location_table, scaled
