@@ -171,21 +171,39 @@ class _Pattern(NamedTuple):
     slopes: Float[np.ndarray, "s k"]
 
 
-class PatternSearch:
-    """Readings of presses all over the surface that the first contact may be on which no sensor sees, or the
-    first with a workspace; slopes are those of the estimator's body as it stands, kept while it does.
+class UnseenTouch:
+    """Follows what readings alone tell of the contacts on a robot.
+
+    Readings are compared with presses all over the surface that the first contact may be on which no sensor
+    sees, or the first with a workspace; their slopes are those of the estimator's body as it stands, kept
+    while it does.
     """
 
-    def __init__(self, robot: Robot, estimator: Estimator | ReducedEstimator):
-        """Nothing is computed before `prepare`."""
-        self._robot, self._estimator = robot, estimator
-        self._pattern: Future[_Pattern] | None = None
+    def __init__(
+        self, robot: Robot, estimator: Estimator | ReducedEstimator, attached_range: Float[np.ndarray, " a"]
+    ):
+        """`attached_range` (a,): how far what is attached, such as actuators, may be driven, in its units."""
+        self._robot, self._estimator, self._range = robot, estimator, attached_range
+        self._touch, self._pattern = TouchByReadings(), None
+        self._readings = estimator.device.n_readings
+        self.alone = bool(robot.unseen.any())
+        """Whether there is a contact that no sensor ever sees."""
+        self.slot = int(np.argmax(robot.unseen))
+        """The number of that contact."""
         self.reset()
 
     def reset(self) -> None:
-        """Forget the slopes."""
+        """Forget the past: nothing has been read, nothing touches."""
         self._slopes: Float[np.ndarray, "s k"] | None = None
         self._posture = np.zeros(0)
+        self._unpressed, self._attached = np.zeros(self._readings), np.zeros(len(self._range))
+        self.lose()
+
+    def lose(self) -> None:
+        """What is read is not explained, as the estimate was lost."""
+        self._touch.reset()
+        self._unexplained = np.full(self._readings, np.nan)
+        self._uncertain = np.zeros((self._readings, self._readings))
 
     def prepare(self) -> Future[_Pattern]:
         """Find the places and what presses there do at rest; begun on a thread of its own, as it takes some
@@ -197,29 +215,6 @@ class PatternSearch:
             thread.shutdown(wait=False)
         return self._pattern
 
-    def fit(
-        self,
-        posture: Float[np.ndarray, " a"],
-        reading: Float[np.ndarray, " k"],
-        covariance: Float[np.ndarray, "k k"],
-        *,
-        fresh: bool,
-    ) -> PatternFit:
-        """How well presses all over explain readings (k,), NaN where unknown, of errors (k, k).
-
-        `posture` (a,): of actuators, as parts of their ranges; where it has changed, slopes are computed anew
-        while the body is `fresh`: not pressed.
-        """
-        pattern = self.prepare().result()
-        if self._slopes is None:
-            self._slopes, self._posture = pattern.slopes, np.zeros_like(posture)
-        if fresh and np.any(np.abs(posture - self._posture) > _POSTURE_CHANGED):
-            places, of = jnp.asarray(pattern.places), self._estimator
-            self._slopes = np.asarray(push_response(of.device, places, of.state, pattern.slot))
-            self._posture = posture
-        valid, kinds = np.isfinite(reading), self._robot.reading_kinds
-        return pattern_fit(pattern.places, pattern.pitch_m, self._slopes, reading, covariance, valid, kinds)
-
     def _patterned(self) -> _Pattern:
         robot, model = self._robot, self._estimator.device
         flags = robot.unseen if robot.unseen.any() else [each is not None for each in robot.workspaces]
@@ -229,38 +224,6 @@ class PatternSearch:
         places, pitch = workspace.grid(_SIDE)
         slopes = np.asarray(push_response(model, jnp.asarray(places), model.rest_state(()), slot))
         return _Pattern(places, pitch, slot, slopes)
-
-
-class UnseenTouch:
-    """Follows what readings alone tell of the contacts on a robot."""
-
-    def __init__(
-        self, robot: Robot, estimator: Estimator | ReducedEstimator, attached_range: Float[np.ndarray, " a"]
-    ):
-        """`attached_range` (a,): how far what is attached, such as actuators, may be driven, in its units."""
-        self._patterns, self._touch = PatternSearch(robot, estimator), TouchByReadings()
-        self._readings, self._range = estimator.device.n_readings, attached_range
-        self.alone = bool(robot.unseen.any())
-        """Whether there is a contact that no sensor ever sees."""
-        self.slot = int(np.argmax(robot.unseen))
-        """The number of that contact."""
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past: nothing has been read, nothing touches."""
-        self._patterns.reset()
-        self._unpressed, self._attached = np.zeros(self._readings), np.zeros(len(self._range))
-        self.lose()
-
-    def lose(self) -> None:
-        """What is read is not explained, as the estimate was lost."""
-        self._touch.reset()
-        self._unexplained = np.full(self._readings, np.nan)
-        self._uncertain = np.zeros((self._readings, self._readings))
-
-    def prepare(self) -> None:
-        """Begin to compute what finds such contacts, which takes some seconds."""
-        self._patterns.prepare()
 
     @property
     def touching(self) -> bool:
@@ -289,12 +252,26 @@ class UnseenTouch:
         self._unexplained = self._unexplained + before - self._unpressed
 
     def fit(self, *, fresh: bool) -> PatternFit:
-        """How well presses all over explain what nothing else did in the last frame; `fresh`: in which
-        nothing pressed.
+        """How well presses all over explain what nothing else did in the last frame; where actuators have
+        moved, slopes are computed anew while the body is `fresh`: nothing pressed in it.
         """
-        free = self._range > 0
-        return self._patterns.fit(
-            self._attached[free] / self._range[free], self._unexplained, self._uncertain, fresh=fresh
+        pattern, free = self.prepare().result(), self._range > 0
+        posture = self._attached[free] / self._range[free]
+        if self._slopes is None:
+            self._slopes, self._posture = pattern.slopes, np.zeros_like(posture)
+        if fresh and np.any(np.abs(posture - self._posture) > _POSTURE_CHANGED):
+            places, of = jnp.asarray(pattern.places), self._estimator
+            self._slopes = np.asarray(push_response(of.device, places, of.state, pattern.slot))
+            self._posture = posture
+        reading, kinds = self._unexplained, self._robot.reading_kinds
+        return pattern_fit(
+            pattern.places,
+            pattern.pitch_m,
+            self._slopes,
+            reading,
+            self._uncertain,
+            np.isfinite(reading),
+            kinds,
         )
 
     def follow(self, force_N: float, sigma_N: float, *, seen: bool, pressed: bool) -> None:
