@@ -34,8 +34,8 @@ from softfuse.report.recorded import read_sensors, sensor_frames
 from softfuse.robot.file import load
 from softfuse.robot.reduced import with_charts
 from softfuse.robot.robot import Robot, build_robot
-from softfuse.rom.atlas import Atlas
 from softfuse.rom.cells import Cells
+from softfuse.rom.rom_file import Atlas
 
 APART_M, PER_FRAME_M, PATH = 2e-3, 1e-4, 10_000
 RECORDING = Path(__file__).parents[1] / "tests" / "data" / "pad_nominal_two_presses.csv.gz"

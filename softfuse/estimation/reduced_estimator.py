@@ -24,11 +24,10 @@ from softfuse.estimation.limits import Limits
 from softfuse.estimation.live_step import Ready
 from softfuse.estimation.step import Observation
 from softfuse.mechanics.solution import State
-from softfuse.rom.atlas import Atlas
-from softfuse.rom.body_arrays import of_nodes
+from softfuse.rom.basis import RestStiffness, rest_stiffness
+from softfuse.rom.projection import of_nodes
 from softfuse.rom.reduced_body import ReducedBody
-from softfuse.rom.rest_stiffness import RestStiffness, rest_stiffness
-from softfuse.rom.rom_file import Kept
+from softfuse.rom.rom_file import Atlas, Kept
 
 log = logging.getLogger(__name__)
 

@@ -34,7 +34,7 @@ from softfuse.estimation.unseen_touch import UnseenTouch
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
 from softfuse.robot.robot import Robot
-from softfuse.rom.atlas import Atlas
+from softfuse.rom.rom_file import Atlas
 from softfuse.sensors.status import Status
 from softfuse.sensors.suite import Observation
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softfuse.rom.modes import proper_modes
+from softfuse.rom.basis import proper_modes
 
 
 @pytest.fixture

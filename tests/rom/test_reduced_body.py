@@ -24,20 +24,16 @@ from softfuse.mechanics.model import Model, compliance, simulate
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.tetmesh import tet_mesh
-from softfuse.rom.basis import Basis
+from softfuse.rom.basis import Basis, RestStiffness, rest_stiffness
 from softfuse.rom.cells import Cell
-from softfuse.rom.chart import Chart
-from softfuse.rom.cubature import Cubature
 from softfuse.rom.known_inverses import KnownInverses, far_apart
-from softfuse.rom.load_paths import LoadPath, presses
+from softfuse.rom.mode_points import mode_points
 from softfuse.rom.projection import project
 from softfuse.rom.reduced_body import ReducedBody
 from softfuse.rom.reduced_model import reduced_model
-from softfuse.rom.rest_stiffness import RestStiffness, rest_stiffness
-from softfuse.rom.sampling import Sampling, sampled
-from softfuse.rom.snapshots import snapshots
-from softfuse.rom.strained_points import mode_points
-from softfuse.rom.teaching import ChartSettings, teach
+from softfuse.rom.sampling import Cubature, Sampling, sampled
+from softfuse.rom.snapshots import LoadPath, presses, snapshots
+from softfuse.rom.teaching import Chart, ChartSettings, teach
 
 MM = 1e-3
 NONE = np.zeros((0, 3, 3))
