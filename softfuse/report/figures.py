@@ -184,36 +184,6 @@ def electrode_image(image: Image) -> "Figure":
     return figure
 
 
-def deformed_shape(
-    rest_m: Float[np.ndarray, "p 3"],
-    displacement_m: Float[np.ndarray, "p 3"],
-    faces: Int[np.ndarray, "f 3"],
-) -> "Figure":
-    """Outer surface in its deformed shape, true to scale, coloured by how far each face has moved."""
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    figure = blank(6.4, 4.2)
-    axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    moved = 1e3 * np.linalg.norm(displacement_m, axis=1)[faces].mean(axis=1)
-    scale = Normalize(0, max(float(moved.max(initial=0.0)), 1e-3))
-    corners = 1e3 * (rest_m + displacement_m)[faces]
-    colours = colormaps["viridis"](scale(moved))
-    axes.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors="0.35", linewidths=0.15))
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    axes.set_box_aspect(high - low)
-    axes.view_init(elev=38, azim=-60)
-    axes.set(zticks=[round(float(low[2])), round(float(high[2]))])
-    figure.colorbar(
-        ScalarMappable(scale, "viridis"), ax=axes, label="displacement [mm]", shrink=0.7, pad=0.12
-    )
-    return figure
-
-
 def latencies(latency_ms: Float[np.ndarray, " n"]) -> "Figure":
     """How long the frames with a contact took."""
     figure = blank(5, 2.6)

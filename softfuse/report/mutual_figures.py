@@ -35,13 +35,6 @@ def image_of(bed: MutualBed, things: Sequence[Thing], rest_s: float = 1.0) -> Fl
     return signal.reshape(len(bed.field.row_y), len(bed.field.column_x)).T
 
 
-def signed_image(
-    image: Float[np.ndarray, "c r"], x_mm: Float[np.ndarray, " c"], y_mm: Float[np.ndarray, " r"]
-) -> "Figure":
-    """One image (c, r) of counts over the lines' positions [mm]: blue for shielding, red for coupling."""
-    return signed_images({"": image}, x_mm, y_mm, {})
-
-
 def fig_11(bed: MutualBed, cases: Mapping[str, Sequence[Thing]] = FIG_11) -> "Figure":
     """The images of some cases from a virtual array, with circles where the things are."""
     images = {name: image_of(bed, things) for name, things in cases.items()}

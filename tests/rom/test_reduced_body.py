@@ -348,7 +348,7 @@ def test_snapshots_end_where_the_body_cannot_carry_the_load(device) -> None:
     path = LoadPath(place, levels, jnp.tile(place, (3, 1, 1, 1, 1)), np.array([[[3.02]], [[4.0]], [[5.0]]]))
     found = snapshots(device.linear, device.body, device_loads(device), [path])
     assert found.found.tolist() == [[[True, True], [False, False], [False, False]]]
-    assert len(found.equilibria) == 1
+    assert found.found[:, :, 0].sum() == 1
     at_level, near = (simulate(device, place, jnp.array([force])).state.z for force in (3.0, 3.02))
     moved = device.body.motion
     np.testing.assert_allclose(moved(found.states[0]), moved(at_level), atol=1e-9)
