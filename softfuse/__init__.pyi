@@ -14,7 +14,7 @@ from .experiment.virtual_robot import MakingErrors, virtual_robot
 from .functional.chart import facing, moved
 from .hardware.recording import Recording
 from .mechanics.model import Model, compliance, simulate
-from .report.calibrated import calibrated_robot
+from .report.calibration import calibrated_robot
 from .report.observability import expected
 from .report.recorded import read_sensors, sensor_frames
 from .report.study import Study

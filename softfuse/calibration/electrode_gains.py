@@ -17,7 +17,7 @@ posterior is the mean over these, each as likely as it makes the signals. So lin
 that could not tell them apart.
 
 Signals miss the model by their noise and by a part of the sample's largest one, alike in the samples of one
-press (ρ, as in `discrepancy`); a press that nothing explains is let go of, as in `robust`. The mean of ln
+press (ρ, as in `robust`); a press that nothing explains is let go of, as in `robust`. The mean of ln
 gain over rows, or columns, looks like their amplitude: only its prior tells it, so that a gain is known no
 better than that, while it may be over the mean.
 """
@@ -35,9 +35,8 @@ from scipy.linalg import block_diag
 
 from softfuse.calibration.adjustment import Measure
 from softfuse.calibration.array_pose import pose_slopes
-from softfuse.calibration.discrepancy import alike_in_press
-from softfuse.calibration.posterior import AbstractPosterior
-from softfuse.calibration.robust import FREEDOM
+from softfuse.calibration.fit import AbstractPosterior
+from softfuse.calibration.robust import FREEDOM, alike_in_press
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.model_error import whitening
 from softfuse.sensors.crossed.array_pose import ArrayPose

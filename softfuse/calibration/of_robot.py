@@ -20,8 +20,7 @@ from softfuse.calibration.adjustment import (
     Walls,
 )
 from softfuse.calibration.array_pose import PoseFit, PosePrior
-from softfuse.calibration.contact_places import ContactPlaces
-from softfuse.calibration.presses import Applied
+from softfuse.calibration.presses import Applied, ContactPlaces
 from softfuse.errors import ConfigError
 from softfuse.material.base import AbstractMaterial
 from softfuse.material.yeoh import Yeoh

@@ -11,8 +11,7 @@ from softfuse.cli.progress import steps
 from softfuse.cli.terminal import say
 from softfuse.experiment.paper.bed import build_bed
 from softfuse.io.result_folder import claim
-from softfuse.report.evaluated import estimates, fitted, record, sections
-from softfuse.report.evaluation import write_evaluation
+from softfuse.report.evaluation import estimates, fitted, record, sections, write_evaluation
 from softfuse.report.press_evaluation import PRESSES
 from softfuse.report.push_evaluation import PUSHES
 from softfuse.robot.digest import digest

@@ -16,8 +16,8 @@ from jaxtyping import Array, Float
 from softfuse.body.base import AbstractBody
 from softfuse.errors import MeshError
 from softfuse.functional.base import MaterialFunctional
+from softfuse.functional.embedded_line import Polyline
 from softfuse.functional.material_points import MaterialPoints
-from softfuse.functional.polyline import Polyline
 
 _SAMPLES = 9
 """Points along a gauge."""

@@ -14,7 +14,7 @@ from softfuse.errors import ConfigError
 from softfuse.estimation.doubts import TrackerSettings
 from softfuse.estimation.observability import Observability, observability, response
 from softfuse.functional.workspace import FlatWorkspace
-from softfuse.report.observability_figures import maps, spots
+from softfuse.report.figures import maps, spots
 from softfuse.report.page import page, picture, table
 from softfuse.robot.names import named_places
 from softfuse.robot.robot import Robot

@@ -12,8 +12,7 @@ from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.experiment.paper.reported import FORCE_ERROR_PERCENT, LOCATION_ERROR_MM
 from softfuse.experiment.pose_cache import Arrays
 from softfuse.report import figures
-from softfuse.report.comparison import Comparison
-from softfuse.report.evaluation import Evaluation, Evaluator, Plate
+from softfuse.report.evaluation import Comparison, Evaluation, Evaluator, Plate
 from softfuse.report.mutual_figures import fig_11
 from softfuse.report.page import table
 from softfuse.report.sections import chamber_outlines

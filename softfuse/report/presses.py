@@ -14,7 +14,7 @@ from softfuse.calibration.of_robot import Fitted
 from softfuse.calibration.presses import Applied, Presses
 from softfuse.errors import RecordingError, SoftfuseError
 from softfuse.estimation.compiled_suite import CompiledSuite
-from softfuse.experiment.contact_accuracy import NOWHERE
+from softfuse.experiment.accuracy import NOWHERE
 from softfuse.functional.chart import facing
 from softfuse.hardware.recording import Recording
 from softfuse.mechanics.cable import ShortenedCable

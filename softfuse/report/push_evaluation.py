@@ -6,15 +6,20 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.experiment.accuracy import scaled, together
-from softfuse.experiment.contact_accuracy import ContactSamples, contact_force_table
+from softfuse.experiment.accuracy import (
+    PULLED_M,
+    ContactSamples,
+    ShapeSamples,
+    contact_force_table,
+    position_table,
+    scaled,
+    together,
+)
 from softfuse.experiment.paper.reported import POSITION_ERROR_MM
 from softfuse.experiment.pose_cache import Arrays
-from softfuse.experiment.shape_accuracy import PULLED_M, ShapeSamples, position_table
 from softfuse.mesh.surface import outer_surface
 from softfuse.report import figures, shape_figures
-from softfuse.report.comparison import Comparison
-from softfuse.report.evaluation import Evaluation, Evaluator, Plate
+from softfuse.report.evaluation import Comparison, Evaluation, Evaluator, Plate
 from softfuse.report.sections import largest_shapes
 from softfuse.report.shape_figures import Shape
 from softfuse.report.study import Study

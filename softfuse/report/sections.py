@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.experiment.shape_accuracy import PULLED_M
+from softfuse.experiment.accuracy import PULLED_M
 from softfuse.mesh.surface import outer_surface
 from softfuse.report import figures, shape_figures
 from softfuse.report.columns import Column

@@ -18,18 +18,23 @@ from jaxtyping import Float, Int
 from softfuse.estimation.posterior import displacement_sigma
 from softfuse.estimation.stream import Estimate
 from softfuse.estimation.tracked import Tracked
-from softfuse.experiment.accuracy import Samples, Spread, force_table, location_table, scaled
-from softfuse.experiment.contact_accuracy import (
+from softfuse.experiment.accuracy import (
     NOWHERE,
+    PULLED_M,
     ContactSamples,
+    Samples,
+    ShapeSamples,
+    Spread,
     contact_force_table,
+    force_table,
     largest_force,
+    location_table,
+    position_table,
+    scaled,
 )
-from softfuse.experiment.shape_accuracy import PULLED_M, ShapeSamples, position_table
 from softfuse.hardware.recording import Recording
 from softfuse.report.columns import Columns, Value
-from softfuse.report.matching import matched_contacts
-from softfuse.report.truth import Truth
+from softfuse.report.truth import Truth, matched_contacts
 from softfuse.robot.robot import Robot
 
 

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.calibration.electrode_baseline import Untouched, untouched
-from softfuse.calibration.electrode_edits import baseline_edits, gain_edits, with_gains
+from softfuse.calibration.electrode_edits import Untouched, baseline_edits, gain_edits, untouched, with_gains
 from softfuse.calibration.electrode_gains import GainFit
 from softfuse.errors import ConfigError
 from softfuse.robot.file import load, save_edited

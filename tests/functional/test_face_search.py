@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from softfuse.body import TAYLOR_HOOD, Body, mesh_for
-from softfuse.functional.contact import Contact, ContactSurface
-from softfuse.functional.face_search import EveryFace, FaceBuckets
+from softfuse.functional.contact import Contact, ContactSurface, EveryFace, FaceBuckets
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
 from softfuse.mechanics.surface_ports import CellPorts
