@@ -25,9 +25,7 @@ class Untouched:
 
 
 def untouched(counts: Float[np.ndarray, "n e"], read: Bool[np.ndarray, "n e"]) -> Untouched | None:
-    """What n frames of counts (n, e) say of which some are read with nothing near (n, e); None when there are
-    too few of some electrode.
-    """
+    """What n frames of counts (n, e) say, `read` (n, e) with nothing near; None if too few of a line are."""
     if np.any(read.sum(axis=0) < _LEAST_FRAMES):
         return None
     there = np.where(read, counts, np.nan)

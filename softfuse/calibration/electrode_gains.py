@@ -173,9 +173,7 @@ def _searched(
 
 
 class _Explained(NamedTuple):
-    """The likeliest gains and pose (c,) in prior standard deviations, their information (c, c), and what they
-    make least.
-    """
+    """The likeliest gains and pose (c,) in prior standard deviations, information (c, c), and least cost."""
 
     z: Float[np.ndarray, " c"]
     information: Float[np.ndarray, "c c"]
@@ -216,9 +214,7 @@ def _lost(square: Float[np.ndarray, " g"], count: Int[np.ndarray, " g"]) -> Floa
 
 
 class _Expected(eqx.Module):
-    """What is expected of the signals of s samples at places (s, 2) m on the body, and how these go with the
-    pose (s, 2, 5).
-    """
+    """The signals expected of s samples at places (s, 2) m, and how places go with the pose (s, 2, 5)."""
 
     shape: PeakShape
     layer: Float[Array, "e 2"]
@@ -311,9 +307,7 @@ class _Samples:
     def cost(
         self, z: Float[np.ndarray, " c"], common: Float[np.ndarray, " c"], own: Float[np.ndarray, "s 6"]
     ) -> float:
-        """What gains and pose (c,), which are (c,) prior standard deviations, and each sample's own (s, 6)
-        should make least.
-        """
+        """What gains and pose (c,), z (c,) prior standard deviations, and each sample's own (s, 6) cost."""
         left = self.signals.signal_counts - np.asarray(self.expected.signals(common, own))
         away = (own - self.mean) / self.sigma
         square, count = [], []

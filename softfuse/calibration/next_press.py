@@ -57,9 +57,7 @@ class Grid:
         return np.full(len(self.x_m) * len(self.y_m), self.each_N)
 
     def spread(self, answer: Answer, covariance: Float[np.ndarray, "p p"]) -> ReadingSpread:
-        """How uncertain readings are, of what a device with parameters of such a covariance answers to these
-        presses.
-        """
+        """How uncertain readings are, as a device answers these presses with parameters so uncertain."""
         by_parameters = answer.slope @ np.linalg.cholesky(covariance) / self.each_N
         shape = (len(self.x_m), len(self.y_m), answer.reading.shape[1], -1)
         return ReadingSpread(self.x_m, self.y_m, by_parameters.reshape(shape))

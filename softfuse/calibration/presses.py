@@ -180,9 +180,7 @@ class ContactPlaces(AbstractAdjustment):
         electrodes: Mapping[str, Float[np.ndarray, "3 3"]],
         sigma: float,
     ) -> Self:
-        """Of presses 0, 1 ... that people call something, on electrodes with names and places, with a prior
-        standard deviation [m].
-        """
+        """Of presses 0, 1 ..., so called by people, on named electrodes; prior standard deviation [m]."""
         presses, contacts = int(applied.press.max(initial=-1)) + 1, applied.force_N.shape[1]
         number, names = np.full((presses + 1, contacts), -1), list[str]()
         known, at = list(electrodes), np.array(list(electrodes.values()))

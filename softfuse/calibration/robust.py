@@ -151,9 +151,7 @@ class Discrepancy:
 
 @dataclass(frozen=True, eq=False)
 class Whitening:
-    """Inverse Cholesky factors (k, s, s) of each reading's covariance, 0 for what says nothing, and ln det of
-    all.
-    """
+    """Inverse Cholesky factors (k, s, s) of readings' covariances, 0 for what says nothing; ln det of all."""
 
     inverse: Float[np.ndarray, "k s s"]
     ln_det: float

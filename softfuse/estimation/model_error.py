@@ -32,9 +32,7 @@ class ReadingSpread:
         places: Float[np.ndarray, "c 3 3"],
         force_N: Float[np.ndarray, " c"],
     ) -> Float[np.ndarray, "k k"]:
-        """Covariance (k, k) of readings under contacts at places (c, 3, 3) with forces (c,) N; beyond the
-        grid that of its border.
-        """
+        """Covariance (k, k) of readings for places (c, 3, 3), forces (c,) N; beyond the grid the border's."""
         share, i, j = self._corners(places)
         a = np.einsum("qc,qckp->kp", share * force_N, self.by_parameters[i, j])
         return a @ a.T

@@ -97,9 +97,7 @@ def _slopes(device: Model, place: Any, drive: Any) -> Any:
 def observability(
     answer: Response, covariance: Float[np.ndarray, "s k k"], place_sigma_m: float
 ) -> Observability:
-    """What readings of covariances (s, k, k) tell of presses whose place is known to `place_sigma_m` [m] by
-    other means.
-    """
+    """What readings of covariances (s, k, k) tell of presses; else places are known to `place_sigma_m`."""
     slopes = np.concatenate([answer.by_force[..., None], answer.by_place], axis=2)
     a = np.linalg.solve(np.linalg.cholesky(covariance), slopes)
     singular = np.zeros((len(a), 3))

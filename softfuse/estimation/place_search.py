@@ -209,9 +209,7 @@ class PlaceSearch:
         covariance_m2: Float[np.ndarray, "2c 2c"],
         force_N: Float[np.ndarray, " c"],
     ) -> tuple[Placed, Float[np.ndarray, "c 3 3"]]:
-        """Where contacts are after a step that found offsets (c, 2) m of a covariance, and forces (c,) N; and
-        their places (c, 3, 3).
-        """
+        """Where contacts are, and places (c, 3, 3), after a step to offsets (c, 2) m and forces (c,) N."""
         self._sought = self._sought.found(offset_m)
         taken = self.taken(seen)
         for c, base in enumerate(self._base):

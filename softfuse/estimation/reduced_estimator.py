@@ -78,9 +78,7 @@ class ReducedEstimator:
         self._forget()
 
     def _prepare(self) -> _Aside:
-        """Begin to make ready, if that has not begun, the full body's estimator and stiffness and then all
-        charts.
-        """
+        """Begin, if need be, to make ready the full body's estimator and stiffness and then all charts."""
         if self._aside is None:
             full, thread = self._atlas.full, ThreadPoolExecutor(1)
             assert isinstance(full.body, Body)
@@ -128,9 +126,7 @@ class ReducedEstimator:
         return self._atlas.chart(self._number).displacement(np.asarray(self._small.state.z))
 
     def update(self, seen: Observation, limits: Limits | None = None) -> Estimate:
-        """Advance by one frame's observation within the limits of this frame; never raises for what they
-        contain.
-        """
+        """Advance by a frame's observation within this frame's limits; never raises for what they contain."""
         started = time.perf_counter()
         limits = self.limits if limits is None else limits
         places = np.asarray(seen.places)

@@ -82,9 +82,7 @@ def _still(device: Model, places: Array) -> tuple[Model, Solve]:
 
 
 class Press(eqx.Module):
-    """A press at a place on a device, under the weight of what presses, which tells what touches; `system` is
-    M.
-    """
+    """A press on a device, under the weight of what presses, which tells what touches; M: `system`."""
 
     device: Model
     place: Array
@@ -95,9 +93,7 @@ class Press(eqx.Module):
 
     @classmethod
     def at(cls, device: Model, still: Model, inverse: Solve, place: Array, held: State) -> "Press":
-        """On a device whose body and actuators are in the state `held`; `still`: the same without
-        derivatives, `inverse`: K⁻¹ there.
-        """
+        """On a device in the state `held`; `still`: the same without derivatives, `inverse`: K⁻¹ there."""
         loads = still.loads(place[None])
         begun = zip(loads.parts[0].start(), (held.force, held.internal, held.drive), strict=True)
         rest = State(held.z, *(jnp.concatenate(each) for each in begun))

@@ -337,9 +337,7 @@ class Tracker:
         return replace(AS_DRAWN, kind=given.kind) if given.part == 0 and self._search and alone else given
 
     def _told(self, seen: Seen) -> Bool[np.ndarray, " c"]:
-        """Contacts (c,) whose places readings tell: of a model about whose errors nothing is known, only of
-        those that nothing else sees.
-        """
+        """Contacts (c,) whose places readings tell: unseen ones, and all where the model's error is known."""
         return seen.unseen | (self.settings.model_error.part > 0)
 
     def _of_contacts(self, flags: Bool[np.ndarray, " c"]) -> Bool[np.ndarray, " d"]:

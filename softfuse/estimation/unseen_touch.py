@@ -92,9 +92,7 @@ class PatternFit:
         return self.place[self.best] if self.missing[here] - self.missing[self.best] > _CLEARLY else None
 
     def elsewhere(self, place: Float[np.ndarray, "3 3"], force_N: float) -> Elsewhere:
-        """Presses that explain the readings too, further than the grid's pitch from one at a place (3, 3)
-        with a force [N].
-        """
+        """Presses that explain readings too, beyond a pitch from one at a place (3, 3) with a force [N]."""
         off = offsets(place, self.place)
         away = np.linalg.norm(self.place[:, 0] - place[0], axis=1) > np.linalg.norm(self.pitch_m)
         away |= np.any(np.abs(off) > self.pitch_m, axis=1)
@@ -206,9 +204,7 @@ class UnseenTouch:
         self._uncertain = np.zeros((self._readings, self._readings))
 
     def prepare(self) -> Future[_Pattern]:
-        """Find the places and what presses there do at rest; begun on a thread of its own, as it takes some
-        seconds.
-        """
+        """Find places and what presses there do at rest; begun on a thread of its own: it takes seconds."""
         if self._pattern is None:
             thread = ThreadPoolExecutor(1)
             self._pattern = thread.submit(self._patterned)
@@ -241,9 +237,7 @@ class UnseenTouch:
         self._uncertain = uncertain
 
     def model(self, modelled: Float[np.ndarray, " k"], found: Estimate, contact_drives: int) -> None:
-        """What the model reads (k,) of an estimate whose first `contact_drives` drives are those of
-        contacts.
-        """
+        """What the model reads (k,) of an estimate whose first `contact_drives` drives are contacts'."""
         force, attached = np.split(np.asarray(found.drive), [contact_drives])
         by_drive = np.asarray(found.report.compliance)[:, contact_drives:]
         added = self._unpressed + by_drive @ (attached - self._attached)

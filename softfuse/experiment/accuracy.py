@@ -52,9 +52,7 @@ class Samples:
         return Samples(*(getattr(self, each.name)[which] for each in fields(self)))
 
     def groups(self) -> dict[str, np.ndarray]:
-        """Masks (s,) of all samples, those in the workspace circle where that is flat, and those of each
-        level.
-        """
+        """Masks (s,) of all samples, of those in the workspace circle where it is flat, and of each level."""
         every = np.ones(len(self.level), bool)
         levels = {f"level_{k}": self.level == k for k in np.unique(self.level)}
         if self.true_location_m.shape[1] != 2:

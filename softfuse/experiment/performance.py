@@ -163,9 +163,7 @@ class Performance:
         ]
 
     def recording(self, seed: int, noise: int) -> Columns:
-        """All rows as real sensors, drawn from a seed, say them, with noise drawn from another, and the
-        truth.
-        """
+        """All rows as real sensors drawn from a seed say them, with noise from another, and the truth."""
         made, time = self.robot.made, self.frames.time_s
         columns = {"time_s": time}
         for k, sensor in enumerate(made.settings.sensors):
@@ -227,9 +225,7 @@ def performance(
     timing: Timing | None = None,
     solved: Callable[[], None] | None = None,
 ) -> Performance:
-    """A virtual robot that goes through episodes; `folder`, `solved`: see `kept_poses`, which also says what
-    it raises.
-    """
+    """A virtual robot that goes through episodes; `folder`, `solved` and errors raised: see `kept_poses`."""
     found = kept_poses(folder, robot, episodes, solved=solved)
     return Performance(robot, places_of(robot, episodes), frames(found, timing or Timing()))
 

@@ -313,7 +313,5 @@ class Contact(eqx.Module):
         return rest, body.spread(on.nodes, spread)
 
     def overlap(self, body: AbstractBody) -> Float[Array, ""]:
-        """Fraction of the disc's quadrature points that lie on the surface [-]: 1 unless it overhangs an
-        edge.
-        """
+        """Fraction of the disc's quadrature points on the surface [-]: 1 unless it overhangs an edge."""
         return jnp.mean(self.landed(body).met, dtype=float)

@@ -21,9 +21,7 @@ from softfuse.material.components import components, determinant
 
 
 class PointPressure(AbstractFunctional):
-    """Points of a ball; `corners` (g, c): the pressure nodes of their elements; `regions`: the materials of
-    their elements, in ascending order.
-    """
+    """A ball's points; `corners` (g, c): their elements' pressure nodes; `regions`: materials, ascending."""
 
     points: MaterialPoints
     corners: Int[Array, "g c"]

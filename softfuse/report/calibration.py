@@ -58,9 +58,7 @@ _OFF = 0.2
 
 @dataclass(frozen=True, eq=False)
 class Further:
-    """Further presses, at places (s, 2) mm where there is a map of them, what people call each (s,), and what
-    it would tell (s,) [nat].
-    """
+    """Further presses: places (s, 2) mm if there is a map, what each (s,) is called, its gain (s,) [nat]."""
 
     place_mm: Float[np.ndarray, "s 2"] | None
     called: Sequence[str]
@@ -74,9 +72,7 @@ class Further:
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """A robot as it was fitted, the presses it was fitted to, the fit, what was found of crossed electrodes,
-    and what may be pressed next.
-    """
+    """The fitted robot, its presses, the fit, what was found of crossed electrodes, what to press next."""
 
     fitted: Fitted
     felt: Felt

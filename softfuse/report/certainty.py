@@ -32,9 +32,7 @@ _MOST_PLACES = 40
 
 @dataclass(frozen=True, eq=False)
 class Electrodes:
-    """Where crossed electrodes lie on the body, their gains, and what they read untouched; None for what is
-    not known.
-    """
+    """Where crossed electrodes lie, their gains, and what they read untouched; None for what is not known."""
 
     pose: PoseFit | None = None
     gains: GainFit | None = None
@@ -74,9 +72,7 @@ def further(fitted: Fitted, applied: Applied) -> Applied:
 
 
 def sharpened(felt: Felt, settings: RobotSettings, suite_sensors: tuple) -> GainFit | None:
-    """The gains of crossed electrodes, as presses tell them; None where they do not, or lines are not to
-    differ.
-    """
+    """The gains of crossed electrodes that presses tell; None where they do not, or lines may not differ."""
     sigma = settings.calibration.electrode_gain
     lines = _lines(settings)
     signals = None if lines is None or sigma == 0 else _signals(felt, lines.name)

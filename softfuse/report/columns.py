@@ -30,9 +30,7 @@ Value = float | str
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit for people: how columns' names end, how it is written, its number per SI unit, and digits worth
-    writing.
-    """
+    """A unit: how columns' names end, how people write it, its number per SI unit, digits worth writing."""
 
     suffix: str
     label: str
@@ -62,9 +60,7 @@ def unit_of(si: str) -> Unit:
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its name, which ends with the unit, and how many digits of a number are worth writing; None
-    for text.
-    """
+    """One column: its name, which ends with the unit, and the digits worth writing of it; None for text."""
 
     name: str
     digits: int | None

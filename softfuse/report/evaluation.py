@@ -112,9 +112,7 @@ class Plate:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Tables, figures, further sections (heading, HTML), and columns (s,) of all samples of each way of
-    estimating.
-    """
+    """Tables, figures, further sections (heading, HTML), and columns (s,) of all samples of each way."""
 
     tables: tuple[Comparison, ...]
     plates: tuple[Plate, ...]
@@ -138,9 +136,7 @@ class Evaluator:
 def write_evaluation(
     folder: Path, title: str, evaluation: Evaluation, sections: Sequence[tuple[str, str]]
 ) -> list[Path]:
-    """Write everything into the folder, further sections among it, and return the files; raises SoftfuseError
-    when that cannot be.
-    """
+    """Write everything, further sections too, and return the files; SoftfuseError when that cannot be."""
     with writing(folder):
         written = [folder / "report.html"]
         for name in ("tables", "figures"):

@@ -210,9 +210,7 @@ def misfits(
     names: Sequence[str],
     unit: str,
 ) -> "Figure":
-    """Measured minus modelled readings of s samples over the measured ones, before and after a fit, all in a
-    unit.
-    """
+    """Measured minus modelled readings of s samples over measured ones, before and after a fit, in a unit."""
     figure = blank(9, 3.4)
     for axes, misfit, title in zip(
         figure.subplots(1, 2, sharey=True),
@@ -246,9 +244,7 @@ def maps(
     y_mm: Float[np.ndarray, " b"],
     values: dict[str, Float[np.ndarray, "a b"]],
 ) -> "Figure":
-    """One map for each of the values (a, b), by its title, over x (a,) and y (b,); what is infinite is
-    white.
-    """
+    """One map for each of the values (a, b), by title, over x (a,) and y (b,); what is infinite is white."""
     figure = blank(4.6 * len(values), 3.9)
     for axes, (title, value) in zip(np.ravel(figure.subplots(1, len(values))), values.items(), strict=True):
         finite = np.where(np.isfinite(value), value, np.nan)
@@ -259,9 +255,7 @@ def maps(
 
 
 def spots(at_mm: Float[np.ndarray, "s 3"], values: dict[str, Float[np.ndarray, " s"]]) -> "Figure":
-    """Places (s, 3) of a surface in space, one picture for each of the values (s,), by its title; what is
-    infinite is white.
-    """
+    """Places (s, 3) of a surface, a picture for each of the values (s,), by title; infinite ones white."""
     figure = blank(4.6 * len(values), 4.2)
     for k, (title, value) in enumerate(values.items(), start=1):
         axes = figure.add_subplot(1, len(values), k, projection="3d")

@@ -199,9 +199,7 @@ def _presses(
     observed: Sequence[Observation],
     contacts: int,
 ) -> Presses:
-    """Samples at frames (s,) of which so much was observed, under so many contacts, some of which may press
-    with nothing.
-    """
+    """Samples at frames (s,) of which so much was observed, under so many contacts, some without force."""
     reading, sigma, valid = (
         np.array([getattr(each, name) for each in observed]) for name in ("reading", "sigma", "valid")
     )

@@ -22,9 +22,7 @@ _TIME, _LATENCY = Column("time_s", 4), Column("latency_ms", 2)
 
 
 class EstimateRows:
-    """estimates.csv, one row a frame, each written when the frame has been seen; unknown numbers are empty
-    fields.
-    """
+    """estimates.csv, a row a frame, written once the frame is seen; unknown numbers are empty fields."""
 
     def __init__(self, stream: TextIO, study: Study):
         """Write the header."""

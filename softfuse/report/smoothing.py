@@ -56,9 +56,7 @@ class SmoothedRecording:
         ]
 
     def write(self, path: Path) -> None:
-        """smoothed.csv: each frame's forces, places and, as all frames of its touch say, drifts; unknown
-        numbers are empty fields.
-        """
+        """smoothed.csv: forces and places of frames, drifts as whole touches say; empty where unknown."""
         slots = self.columns.slots
         columns = [_TIME, *smoothed_columns(slots, "filtered_"), *smoothed_columns(slots, "smoothed_")]
         for name, unit in self._drifting():

@@ -56,9 +56,7 @@ class Peaks:
         self._within_run = False
 
     def see(self, frame: int, going: bool, size: float, now: Estimate) -> None:
-        """Look at the next frame, in which a run is `going` or not; without a positive size it only ends a
-        run or lets it go on.
-        """
+        """Look at the next frame, in a run or not (`going`); without a positive size it is no peak."""
         if not going:
             self._within_run = False
         elif size > 0:
@@ -141,9 +139,7 @@ class Study:
 
     @cached_property
     def sampled(self) -> Int[np.ndarray, " s"]:
-        """The frames (s,) at which place and force of the contacts are known and something presses; none
-        where these are at places with names.
-        """
+        """Frames (s,) in which something presses of known place and force; none where places have names."""
         if any(self.columns.named):
             return np.zeros(0, int)
         at = self.truth.samples([*self._axes, "force_N"])

@@ -94,9 +94,7 @@ class Basis(NamedTuple):
     def amplitudes(
         self, states: Float[np.ndarray, "*t n"], stiffness: RestStiffness
     ) -> Float[np.ndarray, "*t r"]:
-        """Amplitudes (..., r) of the modes that come closest to states (..., n) of the full body, in the
-        energy at rest.
-        """
+        """Amplitudes (..., r) of the modes that come closest to full states (..., n), by energy at rest."""
         u = stiffness.n_displacements
         kind = self.displacement.dtype
         moved = (stiffness.displacement @ states[..., :u].T).T.astype(kind) @ self.displacement

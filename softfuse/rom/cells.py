@@ -17,9 +17,7 @@ _MARGIN = 0.05
 
 
 class Cell(NamedTuple):
-    """Where the middle of one disc may be: up to `half` (2,) m along x and y from the `centre` (3,) m; it
-    presses along a `direction` (3,).
-    """
+    """Where a disc's middle may be, within `half` (2,) m of `centre` (3,) m; it presses along `direction`."""
 
     centre: Float[np.ndarray, "3"]
     half: Float[np.ndarray, "2"]

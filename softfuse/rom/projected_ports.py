@@ -150,9 +150,7 @@ class ProjectedDiscs(AbstractContact):
 def projected_contact(
     contact: AbstractContact, body: Body, small: ReducedBody, basis: Basis, places: Float[np.ndarray, "e 3 3"]
 ) -> AbstractContact:
-    """A contact of a full body on its reduced one of some modes, patches at places (e, 3, 3) only. Raises
-    SolveError where it has no projection.
-    """
+    """A contact on the reduced body, patches at places (e, 3, 3) only; SolveError without a projection."""
     if isinstance(contact, SurfacePatches):
         return projected_patches(contact, body, basis, places)
     return projected_discs(contact, small)

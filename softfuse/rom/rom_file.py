@@ -230,9 +230,7 @@ class Atlas:
     """All charts of a full device, in equal sizes."""
 
     def __init__(self, full: Model, regions: AbstractRegions, folder: AtlasFolder):
-        """See that all charts are there. Raises SoftfuseError when one is missing, damaged, or was made for
-        another device.
-        """
+        """See that all charts are there. SoftfuseError when one is missing, damaged, or another device's."""
         self.full, self.regions, self._folder = full, regions, folder
         missing = [number for number in range(len(regions)) if not folder.file(number).exists()]
         if missing:

@@ -26,9 +26,7 @@ _RIDGE = 1e-13
 
 
 class Cubature(NamedTuple):
-    """Numbers of the parts (k,) that are evaluated, their weights (k,) > 0 [-], and the error that is left,
-    relative to the sums.
-    """
+    """Parts (k,) that are evaluated, their weights (k,) > 0 [-], and the error left, relative to the sums."""
 
     parts: Int[np.ndarray, " k"]
     weights: Float[np.ndarray, " k"]
