@@ -30,7 +30,7 @@ from softfuse.estimation.step import Observation
 from softfuse.estimation.tracker import Tracker
 from softfuse.functional.chart import facing
 from softfuse.mechanics.model import Model, simulate
-from softfuse.report.recorded import read_sensors, sensor_frames
+from softfuse.report.presses import read_sensors, sensor_frames
 from softfuse.robot.file import load
 from softfuse.robot.reduced import with_charts
 from softfuse.robot.robot import Robot, build_robot

@@ -20,7 +20,7 @@ from softfuse.estimation.tracked import Frame
 from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.accuracy import coverage
 from softfuse.hardware.recording import Recording
-from softfuse.report.recorded import read_sensors, sensor_frames
+from softfuse.report.presses import read_sensors, sensor_frames
 from softfuse.report.study import Study
 from softfuse.robot.file import load
 from softfuse.robot.reduced import with_charts

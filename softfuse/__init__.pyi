@@ -16,7 +16,7 @@ from .hardware.recording import Recording
 from .mechanics.model import Model, compliance, simulate
 from .report.calibration import calibrated_robot
 from .report.observability import expected
-from .report.recorded import read_sensors, sensor_frames
+from .report.presses import read_sensors, sensor_frames
 from .report.study import Study
 from .robot.file import load, save_edited
 from .robot.layout.layout import AbstractLayout, Parameter

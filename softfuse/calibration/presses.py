@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int
 
 from softfuse.calibration.adjustment import AbstractAdjustment, Adjustments, Measure
 from softfuse.errors import SolveError
-from softfuse.estimation.side_by_side import shared_out
+from softfuse.estimation.batch import shared_out
 from softfuse.functional.chart import nearest
 from softfuse.mechanics.load import AbstractContact
 from softfuse.mechanics.model import Model, simulate

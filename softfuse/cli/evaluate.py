@@ -5,10 +5,9 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.options import Quiet, out_folder
 from softfuse.cli.progress import steps
-from softfuse.cli.terminal import say
+from softfuse.cli.terminal import say, termination_interrupts
 from softfuse.experiment.paper.bed import build_bed
 from softfuse.io.result_folder import claim
 from softfuse.report.evaluation import estimates, fitted, record, sections, write_evaluation

@@ -3,7 +3,7 @@
 The sensors decide what touches and where; each frame's readings drive one estimate step, in which only those
 contacts may press that touch. What no sensor sees is told by readings that nothing else explains
 (`unseen_touch`). While nothing touches a robot without actuators, its body is taken to rest. What the
-model misses while nothing is near is taken off the readings of the touch that follows (`model_offset`). What
+model misses while nothing is near is taken off the readings of the touch that follows (`model_error`). What
 cannot be trusted gets a status, and a number that would be a guess is NaN. Nothing here is threaded, but for
 compiling, or reads files; `hardware` does that.
 """
@@ -23,13 +23,12 @@ from softfuse.estimation.compiled_suite import CompiledSuite, Finding
 from softfuse.estimation.doubts import TrackerSettings, doubts_of
 from softfuse.estimation.estimator import Estimate, Estimator
 from softfuse.estimation.limits import Limits
-from softfuse.estimation.model_error import AS_DRAWN, ModelError, whitening
-from softfuse.estimation.model_offset import ModelOffset
+from softfuse.estimation.model_error import AS_DRAWN, ModelError, ModelOffset, whitening
 from softfuse.estimation.place_search import Placed, PlaceSearch, Seen, as_seen
-from softfuse.estimation.posterior import posterior_covariance
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation as Aim
 from softfuse.estimation.tracked import Evidence, Frame, Tracked, along
+from softfuse.estimation.uncertainty import posterior_covariance
 from softfuse.estimation.unseen_touch import UnseenTouch
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from tabulate import tabulate
 
-from softfuse.estimation.side_by_side import cores
+from softfuse.estimation.batch import cores
 from softfuse.estimation.stream import follow
 from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.accuracy import Spread
@@ -24,7 +24,7 @@ from softfuse.experiment.recording_file import write_recording
 from softfuse.io.result_folder import put_in_place, writing
 from softfuse.report.calibration import Seen, calibrated_robot
 from softfuse.report.page import page, picture, table
-from softfuse.report.recorded import Part, read_sensors, sensor_frames
+from softfuse.report.presses import Part, read_sensors, sensor_frames
 from softfuse.report.recording_report import EstimateRows
 from softfuse.report.study import Study
 from softfuse.robot.robot import Robot, build_robot

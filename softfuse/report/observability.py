@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from softfuse.errors import ConfigError
 from softfuse.estimation.doubts import TrackerSettings
-from softfuse.estimation.observability import Observability, observability, response
+from softfuse.estimation.uncertainty import Observability, observability, response
 from softfuse.functional.workspace import FlatWorkspace
 from softfuse.report.figures import maps, spots
 from softfuse.report.page import page, picture, table

@@ -15,9 +15,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from softfuse.estimation.posterior import displacement_sigma
 from softfuse.estimation.stream import Estimate
 from softfuse.estimation.tracked import Tracked
+from softfuse.estimation.uncertainty import displacement_sigma
 from softfuse.experiment.accuracy import (
     NOWHERE,
     PULLED_M,

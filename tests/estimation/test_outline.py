@@ -9,9 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.estimation.kept_programs import outline, tree_of
+from softfuse.estimation.kept_programs import Packing, outline, tree_of
 from softfuse.estimation.limits import Limits
-from softfuse.estimation.packing import Packing
 from softfuse.estimation.step import Observation
 from softfuse.functional.chart import facing, moved
 from softfuse.sensors.status import Status

@@ -6,7 +6,7 @@ over `average` by an exponential mean, which leaves σ √(dt / 2τ) of the nois
 slow, noise is not. To the noise of the pressures comes the error of the modelled ones: a part `model_error`
 of the largest change among all chambers, for what the model misses of one way of bending is seen in every
 chamber. While something is near, changes count from the last frame before: what the model misses of the shape
-before is known (`estimation.model_offset`).
+before is known (`estimation.model_error`).
 """
 
 from typing import Annotated, Any, Literal, Self
