@@ -33,7 +33,7 @@ from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
-from softfuse.report.mutual_figures import image_of
+from softfuse.report.paper_evaluation import image_of
 from softfuse.sensors.mutual.field import Thing
 from softfuse.sensors.mutual.model import MutualModel
 
