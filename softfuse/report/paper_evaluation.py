@@ -1,5 +1,5 @@
-"""What `softfuse evaluate` says of presses and pushes: Tables I to III, intervals, Figures 9 to 13 of Navarro et
-al. 2020.
+"""What `softfuse evaluate` says of presses and pushes: Tables I to III and Figures 9 to 13 of Navarro et al.
+2020.
 """
 
 from collections.abc import Mapping, Sequence
