@@ -69,7 +69,7 @@ class Phases:
 def through_api(given: argparse.Namespace) -> None:
     """The phases of the Python API in this process."""
     phases = Phases()
-    from softfuse.computing import prepare_jax
+    from softfuse.computing.prepare import prepare_jax
     from softfuse.estimation.tracker import Tracker
     from softfuse.report.presses import read_sensors, sensor_frames
     from softfuse.robot.file import load

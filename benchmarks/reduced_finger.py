@@ -22,7 +22,7 @@ import numpy as np
 from live_frames import compilations, latencies, to_and_fro, wait_until_compiled
 
 from softfuse.body.body import Body
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.estimation.bounds import limits_of, step_settings
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.step import Observation

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from live_frames import compilations, latencies, to_and_fro
 
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.estimation.bounds import limits_of
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_estimator import MOST_TRUNCATION, ReducedEstimator

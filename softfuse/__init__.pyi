@@ -1,4 +1,4 @@
-from .computing import prepare_jax
+from .computing.prepare import prepare_jax
 from .design.objective import AbstractMeasure
 from .design.of_robot import build_problem
 from .design.plan import load_design

@@ -49,10 +49,8 @@ def gain_edits(config: RobotSettings) -> Edits:
     return {(*key, "row_gain"): list(lines.row_gain), (*key, "column_gain"): list(lines.column_gain)}
 
 
-def baseline_edits(config: RobotSettings, untouched: Untouched | None) -> Edits:
-    """The edits of a config that say what its electrodes read untouched; none where that is not known."""
-    if untouched is None:
-        return {}
+def baseline_edits(config: RobotSettings, untouched: Untouched) -> Edits:
+    """The edits of a config that say what its electrodes read untouched."""
     number, lines = _lines(config)
     row, column = _split(lines, np.round(untouched.counts, 1))
     return {("sensor", number, "row_baseline"): row, ("sensor", number, "column_baseline"): column}

@@ -51,11 +51,6 @@ class Grid:
         x, y = np.meshgrid(self.x_m, self.y_m, indexing="ij")
         return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
-    @property
-    def force_N(self) -> Float[np.ndarray, " s"]:
-        """The force of each (s,)."""
-        return np.full(len(self.x_m) * len(self.y_m), self.each_N)
-
     def spread(self, answer: Answer, covariance: Float[np.ndarray, "p p"]) -> ReadingSpread:
         """How uncertain readings are, as a device answers these presses with parameters so uncertain."""
         by_parameters = answer.slope @ np.linalg.cholesky(covariance) / self.each_N

@@ -66,13 +66,12 @@ class Answer:
     states: tuple[State, ...]
 
 
+@dataclass(frozen=True, eq=False)
 class Adjustable:
-    """A device whose parameters may be adjusted."""
+    """A device as configured, with parameters 0, which may be adjusted; compiles when first asked."""
 
-    def __init__(self, device: Model, adjustments: Adjustments):
-        """Compiles when first asked; `device` is as configured, with parameters 0."""
-        self.adjustments = adjustments
-        self._device = device
+    device: Model
+    adjustments: Adjustments
 
     def answer(
         self,
@@ -106,9 +105,9 @@ class Adjustable:
     def _one(
         self, value: np.ndarray, given: tuple[np.ndarray, ...], start: State | None
     ) -> tuple[np.ndarray, np.ndarray, State]:
-        rest = self._device.rest_state(jnp.asarray(given[0]))
+        rest = self.device.rest_state(jnp.asarray(given[0]))
         for begin in (rest,) if start is None else (start, rest):
-            slope, (reading, found) = _read(self._device, self.adjustments, value, given, begin)
+            slope, (reading, found) = _read(self.device, self.adjustments, value, given, begin)
             if bool(found.result == RESULTS.converged):
                 return np.asarray(reading), np.asarray(slope), found.state
         place, force, *_ = given

@@ -139,11 +139,11 @@ class SweepTable:
         """shortened: of each cable, whether its shortening is given; its tension is otherwise."""
         self._contacts, self._shortened = contacts, shortened
         self._discs = config.contact().within is not None
-        self._readings = [*self._answers(config), *_volumes(config), *_pressures(config)]
+        self._readings = [*self._cables(config, given=False), *_volumes(config), *_pressures(config)]
         self.columns: tuple[SweepColumn, ...] = (
             SweepColumn("case", "integer", "number of the case, from 0"),
             SweepColumn("modulus_factor", "number", "factor of all moduli"),
-            *self._driven(config),
+            *(column for column, _ in self._cables(config, given=True)),
             SweepColumn("contacts", "integer", "contacts at once"),
             *(column for k in range(contacts) for column in self._contact(k)),
             SweepColumn("force_N", "number", "sum of the forces"),
@@ -191,21 +191,14 @@ class SweepTable:
         )
         return [*place, SweepColumn(f"contact{k}_force_N", "number", "its total force")]
 
-    def _driven(self, config: RobotSettings) -> list[SweepColumn]:
-        return [
-            SweepColumn(f"cable{k}_mm", "number", f'given shortening of "{cable.name}"')
-            if by_length
-            else SweepColumn(f"cable{k}_N", "number", f'given tension of "{cable.name}"')
-            for k, (cable, by_length) in enumerate(zip(config.cables, self._shortened, strict=True))
-        ]
-
-    def _answers(self, config: RobotSettings) -> list[tuple[SweepColumn, float]]:
-        return [
-            (SweepColumn(f"cable{k}_N", "number", f'tension of "{cable.name}"'), 1.0)
-            if by_length
-            else (SweepColumn(f"cable{k}_mm", "number", f'shortening of "{cable.name}"'), 1e3)
-            for k, (cable, by_length) in enumerate(zip(config.cables, self._shortened, strict=True))
-        ]
+    def _cables(self, config: RobotSettings, *, given: bool) -> list[tuple[SweepColumn, float]]:
+        """Of each cable what is given, or what answers that, and how many of its unit are one in SI."""
+        columns = []
+        for k, (cable, shortened) in enumerate(zip(config.cables, self._shortened, strict=True)):
+            unit, what, scale = ("mm", "shortening", 1e3) if shortened == given else ("N", "tension", 1.0)
+            about = f'{"given " if given else ""}{what} of "{cable.name}"'
+            columns.append((SweepColumn(f"cable{k}_{unit}", "number", about), scale))
+        return columns
 
 
 def _volumes(config: RobotSettings) -> list[tuple[SweepColumn, float]]:

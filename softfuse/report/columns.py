@@ -37,6 +37,10 @@ class Unit:
     factor: float
     digits: int
 
+    def of(self, name: str) -> str:
+        """The name of a column in it."""
+        return f"{name}_{self.suffix}" if self.suffix else name
+
 
 UNITS = {
     "m": Unit("mm", "mm", 1e3, 3),
@@ -69,7 +73,7 @@ class Column:
     def of(cls, name: str, si: str) -> "Column":
         """Of something with an SI unit."""
         unit = unit_of(si)
-        return cls(f"{name}_{unit.suffix}" if unit.suffix else name, unit.digits)
+        return cls(unit.of(name), unit.digits)
 
     def written(self, value: Value) -> str:
         """The value as the field of a table; nothing where it is not known."""

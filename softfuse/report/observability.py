@@ -44,20 +44,14 @@ class Expected:
     @property
     def force_told(self) -> Bool[np.ndarray, " s"]:
         """Where the force is told well (s,)."""
-        return self._force_sigma_N <= _FORCE_PART * self.force_N
+        sigma = self.found.force_sigma_N if self.seen else self.found.blind_force_sigma_N
+        return sigma <= _FORCE_PART * self.force_N
 
     @property
     def place_told(self) -> Bool[np.ndarray, " s"]:
         """Where the place is told well (s,)."""
-        return np.linalg.norm(self._place_sigma_m, axis=1) <= _PLACE_M
-
-    @property
-    def _force_sigma_N(self) -> Float[np.ndarray, " s"]:
-        return self.found.force_sigma_N if self.seen else self.found.blind_force_sigma_N
-
-    @property
-    def _place_sigma_m(self) -> Float[np.ndarray, "s 2"]:
-        return self.found.place_sigma_m if self.seen else self.found.blind_place_sigma_m
+        sigma = self.found.place_sigma_m if self.seen else self.found.blind_place_sigma_m
+        return np.linalg.norm(sigma, axis=1) <= _PLACE_M
 
     def summary(self) -> list[tuple[str, str]]:
         """Medians and the largest, and where it is told well."""

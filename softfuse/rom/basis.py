@@ -23,15 +23,10 @@ Product = Callable[[Float[np.ndarray, "n c"]], Float[np.ndarray, "n c"]]
 """An inner product's matrix M as the map of columns x ↦ M x."""
 
 
-class Modes(NamedTuple):
-    """Modes (n, m), orthonormal in the inner product, and all eigenvalues (s,), largest first."""
-
-    vectors: Float[np.ndarray, "n m"]
-    energy: Float[np.ndarray, " s"]
-
-
-def proper_modes(snapshots: Float[np.ndarray, "s n"], product: Product, *, most: int) -> Modes:
-    """The first `most` modes of snapshots (s, n), fewer where these span less: those that explain them best.
+def proper_modes(
+    snapshots: Float[np.ndarray, "s n"], product: Product, *, most: int
+) -> Float[np.ndarray, "n m"]:
+    """The first `most` modes (n, m) that explain snapshots (s, n) best, fewer where these span less.
 
     With snapshots as rows X and the inner product M, the eigenvectors v_k, λ_k of the Gram matrix X M Xᵀ give
     the modes Φ_k = Xᵀ v_k / √λ_k, orthonormal in M; the snapshots' mean square distance from the span of the
@@ -45,7 +40,7 @@ def proper_modes(snapshots: Float[np.ndarray, "s n"], product: Product, *, most:
     kept = min(most, int(np.sum(energy > len(energy) * np.finfo(gram.dtype).eps * energy[:1].sum())))
     modes = snapshots.T @ (vectors[:, :kept] / np.sqrt(energy[:kept]))
     # The Gram matrix squares the condition, so the last modes are orthogonal only roughly.
-    return Modes(orthonormal(modes, product), energy)
+    return orthonormal(modes, product)
 
 
 def orthonormal(columns: Float[np.ndarray, "n m"], product: Product) -> Float[np.ndarray, "n m"]:
@@ -121,8 +116,8 @@ def basis_of(
     moves = states[:, :u]
     size = np.sqrt(np.einsum("su,su->s", moves, (stiffness.displacement @ moves.T).T))
     shapes = states / size[:, None]
-    moved = proper_modes(shapes[:, :u], lambda x: stiffness.displacement @ x, most=displacements).vectors
+    moved = proper_modes(shapes[:, :u], lambda x: stiffness.displacement @ x, most=displacements)
     pressed = np.zeros((states.shape[1] - u, 0))
     if pressures and len(pressed):
-        pressed = proper_modes(shapes[:, u:], lambda x: stiffness.pressure @ x, most=pressures).vectors
+        pressed = proper_modes(shapes[:, u:], lambda x: stiffness.pressure @ x, most=pressures)
     return Basis(moved, pressed)

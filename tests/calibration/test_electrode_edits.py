@@ -62,11 +62,6 @@ def test_what_was_fitted_is_read_again(write: Write, tmp_path: Path) -> None:
     assert after.sensors_of(CrossedSettings)[0].row_baseline == tuple(counts[:8])
 
 
-def test_nothing_known_is_nothing_written(write: Write) -> None:
-    config = load(write())
-    assert baseline_edits(config, None) == {}
-
-
 @pytest.mark.parametrize(
     ("said", "told"),
     [
