@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.estimation.smoothing.smoother import Smoother, smoothed_recording
 from softfuse.estimation.tracked import Frame
 from softfuse.estimation.tracker import Tracker

@@ -22,9 +22,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.estimation.compiled_suite import Finding
-from softfuse.estimation.packing import Packing
+from softfuse.estimation.kept_programs import Packing
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.accuracy import NINETY

@@ -77,9 +77,7 @@ class DeadVolumes(AbstractAdjustment):
 
     @classmethod
     def of(cls, chambers: Sequence[str], sigma: float) -> Self:
-        """Of the gas in all sealed chambers, in the order of their drives, with a prior standard deviation
-        [-].
-        """
+        """Of the gas in sealed chambers, in the order of their drives; prior standard deviation [-]."""
         names = tuple(f"{name} dead volume" for name in chambers)
         return cls(sigma=jnp.full(len(chambers), sigma), names=names)
 

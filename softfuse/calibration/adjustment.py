@@ -168,9 +168,7 @@ class Walls(AbstractAdjustment):
 
 
 class StiffnessField(AbstractAdjustment):
-    """θ (9,): coefficients of the body's stiffness field more than `configured` (9,), see
-    `body.stiffness_field`.
-    """
+    """θ (9,): coefficients of the stiffness field beyond `configured` (9,), see `body.stiffness_field`."""
 
     sigma: Float[Array, "9"]
     configured: Float[Array, "9"]

@@ -7,6 +7,7 @@ is tried again where a parabola is least. Rounds end when no step promises more 
 logarithm of the posterior: parameters are then within a fifth of their standard deviations.
 """
 
+from abc import ABC
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,11 +16,37 @@ from jaxtyping import Float, Int
 from scipy.optimize import minimize_scalar
 
 from softfuse.calibration.adjustment import Measure
-from softfuse.calibration.discrepancy import Discrepancy, Whitening
-from softfuse.calibration.posterior import AbstractPosterior
 from softfuse.calibration.presses import Adjustable, Answer, Presses
-from softfuse.calibration.robust import Explained, Linear, cost, explained
+from softfuse.calibration.robust import Discrepancy, Explained, Linear, Whitening, cost, explained
 from softfuse.errors import SoftfuseError
+
+
+class AbstractPosterior(ABC):
+    """p parameters with `names` and `measures`: `value` (p,), `covariance` (p, p) and `prior_sigma` (p,) in
+    the units of their measures.
+    """
+
+    names: tuple[str, ...]
+    measures: tuple[Measure, ...]
+    value: Float[np.ndarray, " p"]
+    covariance: Float[np.ndarray, "p p"]
+    prior_sigma: Float[np.ndarray, " p"]
+
+    @property
+    def sigma(self) -> Float[np.ndarray, " p"]:
+        """Standard deviations (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def told(self) -> Float[np.ndarray, " p"]:
+        """How much of each parameter the presses tell (p,): 0 nothing beyond the prior, 1 all of it."""
+        return 1 - (self.sigma / self.prior_sigma) ** 2
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "p p"]:
+        """Of the parameters (p, p)."""
+        return self.covariance / np.outer(self.sigma, self.sigma)
+
 
 _SETTLED = 0.02
 """What a step must promise."""

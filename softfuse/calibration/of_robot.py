@@ -20,8 +20,7 @@ from softfuse.calibration.adjustment import (
     Walls,
 )
 from softfuse.calibration.array_pose import PoseFit, PosePrior
-from softfuse.calibration.contact_places import ContactPlaces
-from softfuse.calibration.presses import Applied
+from softfuse.calibration.presses import Applied, ContactPlaces
 from softfuse.errors import ConfigError
 from softfuse.material.base import AbstractMaterial
 from softfuse.material.yeoh import Yeoh
@@ -249,10 +248,8 @@ def build_pose_prior(config: RobotSettings) -> PosePrior:
     return PosePrior(may.array_shift, may.array_turn, may.array_stretch, may.array_sigma, may.array_dent)
 
 
-def pose_edits(config: RobotSettings, pose: PoseFit | None) -> Edits:
-    """The edits of a config that put its crossed electrodes where presses found them; none without."""
-    if pose is None:
-        return {}
+def pose_edits(config: RobotSettings, pose: PoseFit) -> Edits:
+    """The edits of a config that put its crossed electrodes where presses found them."""
     (lines,) = config.sensors_of(CrossedSettings)[:1]
     was, (x, y, turn, *stretch) = lines.pose, pose.value
     key = ("sensor", config.sensors.index(lines), "pose")

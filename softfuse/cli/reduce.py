@@ -12,9 +12,9 @@ from softfuse.io.result_folder import writing
 from softfuse.robot.file import load
 from softfuse.robot.reduced import Teacher, build_regions, reduction_mark
 from softfuse.robot.robot import build_robot
-from softfuse.rom.atlas import AtlasFolder
+from softfuse.rom.basis import rest_stiffness
 from softfuse.rom.reduced_model import reduced_model
-from softfuse.rom.rest_stiffness import rest_stiffness
+from softfuse.rom.rom_file import AtlasFolder
 
 
 def reduce(

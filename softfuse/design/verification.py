@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 from softfuse.design.facing import Facing
 from softfuse.design.straining import largest_stretch
 from softfuse.errors import SolveError
-from softfuse.estimation.side_by_side import side_by_side
+from softfuse.estimation.batch import side_by_side
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
 

@@ -19,9 +19,8 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from softfuse.errors import SolveError
-from softfuse.estimation.kept_programs import lowered
+from softfuse.estimation.kept_programs import Packed, Packing, lowered
 from softfuse.estimation.limits import Limits
-from softfuse.estimation.packing import Packed, Packing
 from softfuse.estimation.step import Observation, PlacePrior, StepReport, estimate_step
 from softfuse.mechanics.linearised import loaded_tangents
 from softfuse.mechanics.model import Model

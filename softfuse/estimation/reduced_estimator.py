@@ -23,10 +23,9 @@ from softfuse.estimation.limits import Limits
 from softfuse.estimation.live_step import Ready
 from softfuse.estimation.step import Observation
 from softfuse.mechanics.solution import State
-from softfuse.rom.atlas import Atlas
-from softfuse.rom.body_arrays import of_nodes
-from softfuse.rom.rest_stiffness import RestStiffness, rest_stiffness
-from softfuse.rom.rom_file import Kept
+from softfuse.rom.basis import RestStiffness, rest_stiffness
+from softfuse.rom.projection import of_nodes
+from softfuse.rom.rom_file import Atlas, Kept
 
 log = logging.getLogger(__name__)
 
@@ -76,9 +75,7 @@ class ReducedEstimator:
         self._forget()
 
     def _prepare(self) -> _Aside:
-        """Begin to make ready, if that has not begun, the full body's estimator and stiffness and then all
-        charts.
-        """
+        """Begin, if need be, to make ready the full body's estimator and stiffness and then all charts."""
         if self._aside is None:
             full, thread = self._atlas.full, ThreadPoolExecutor(1)
             ready = thread.submit(
@@ -124,9 +121,7 @@ class ReducedEstimator:
         return self._atlas.chart(self._number).displacement(np.asarray(self._small.state.z))
 
     def update(self, seen: Observation, limits: Limits | None = None) -> Estimate:
-        """Advance by one frame's observation within the limits of this frame; never raises for what they
-        contain.
-        """
+        """Advance by a frame's observation within this frame's limits; never raises for what they contain."""
         started = time.perf_counter()
         limits = self.limits if limits is None else limits
         places = np.asarray(seen.places)

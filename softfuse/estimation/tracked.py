@@ -159,9 +159,7 @@ class Tracked:
 
     @property
     def residual(self) -> float:
-        """Root mean square misfit [standard deviations] of the readings that took part; NaN without an
-        estimate.
-        """
+        """Root mean square misfit [standard deviations] of readings with a part; NaN without an estimate."""
         known = np.isfinite(self.misfit)
         return (
             float(np.sqrt(np.mean((self.misfit[known] / self.sigma[known]) ** 2))) if known.any() else np.nan

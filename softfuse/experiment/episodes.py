@@ -33,9 +33,7 @@ _TRIES = 100
 
 @dataclass(frozen=True)
 class Touch:
-    """What presses: the name of the contact, its place on the body at rest, the increasing forces [N] at
-    which it rests.
-    """
+    """What presses: its contact, its place on the body at rest, increasing forces [N] at which it rests."""
 
     contact: str
     place: Place

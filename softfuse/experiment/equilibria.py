@@ -133,7 +133,9 @@ class RobotSolver:
         if not touches:
             return stacked(poses)
         model, places = self.model(touches), self._places(touches)
-        self._check(model, touches)
+        for touch, place, contact in zip(touches, places, model.contacts, strict=True):
+            if not contact.stands(model.body, place):
+                raise ConfigError(f"{touch} overhangs the edge of the body: move it inwards")
         state = _touching(model, places, state)
         for gap in self.gaps[1:]:
             pose(model, state, np.full(len(touches), gap), level)
@@ -221,12 +223,6 @@ class RobotSolver:
                 raise ConfigError(f'{episode}: there is no cable or driven chamber "{name}"')
             target[self._made.addresses.drives[name]] = value
         return target
-
-    def _check(self, model: Model, touches: Sequence[Touch]) -> None:
-        for touch, contact in zip(touches, model.contacts, strict=True):
-            place = jnp.array(touch.place)
-            if not contact.stands(model.body, place):
-                raise ConfigError(f"{touch} overhangs the edge of the body: move it inwards")
 
     def _found(self, model: Model, places: Array, drive: Array, state: State, where: str) -> State:
         found = simulate(model, places, drive, state)

@@ -6,7 +6,7 @@ from abc import abstractmethod
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
 
@@ -40,11 +40,6 @@ class Functional(AbstractFunctional):
 
 class MaterialFunctional(AbstractFunctional):
     """A functional of material points: it depends on where nodes are at rest, and on how they have moved."""
-
-    @property
-    @abstractmethod
-    def nodes(self) -> Int[Array, " w"]:
-        """The nodes (w,), which may come several times, whose displacements it needs: a body watches them."""
 
     @abstractmethod
     def __call__(self, rest: Float[Array, "k 3"], displacement: Float[Array, "k 3"]) -> Float[Array, " c"]:

@@ -62,7 +62,5 @@ def rim_edges(faces: Int[np.ndarray, "f s"]) -> Int[np.ndarray, "r 2"]:
 
 
 def volume_within(faces: Int[np.ndarray, "f s"], nodes: Float[np.ndarray, "k 3"]) -> float:
-    """The volume [m³] inside faces (f, 3) or (f, 6) of nodes (k, 3) m, closed or with one rim, their edges as
-    curved as they are.
-    """
+    """The volume [m³] inside faces (f, 3) or curved ones (f, 6) of nodes (k, 3) m, closed or with one rim."""
     return float(Cavity.of(faces)(jnp.asarray(nodes)))

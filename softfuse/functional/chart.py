@@ -30,25 +30,23 @@ def moved(place: Numbers, offset: Numbers) -> Numbers:
     return place.__array_namespace__().concat([place[..., :1, :] + along, tangents], axis=-2)
 
 
+def across(
+    direction: Sequence[float] | Float[np.ndarray, "3"],
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """The unit vector (3,) along a direction of any length, and that across it nearest to one of x, y, z."""
+    d = np.asarray(direction, float) / np.linalg.norm(direction)
+    first = np.eye(3)[np.argmin(np.abs(d))]
+    first = first - d * (first @ d)
+    return d, first / np.linalg.norm(first)
+
+
 def facing(
     points: Float[np.ndarray, "... 3"], direction: Sequence[float] | Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "... 3 3"]:
     """The places (..., 3, 3) at points (..., 3) m that are pressed along one direction (3,) of any length."""
-    into, (u, _) = _across(direction)
+    into, u = across(direction)
     tangents = np.broadcast_to([u, np.cross(u, into)], (*np.shape(points)[:-1], 2, 3))
     return np.concatenate([np.asarray(points, float)[..., None, :], tangents], axis=-2)
-
-
-def _across(
-    direction: Sequence[float] | Float[np.ndarray, "3"],
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "2 3"]]:
-    """The unit vector (3,) along a direction, and two axes (2, 3) across it, see `FlatChart.along`."""
-    d = np.asarray(direction, float) / np.linalg.norm(direction)
-    first = np.eye(3)[np.argmin(np.abs(d))]
-    first = first - d * (first @ d)
-    first /= np.linalg.norm(first)
-    second = np.cross(d, first)
-    return d, np.stack([first, second * np.sign(second[np.argmax(np.abs(second))])])
 
 
 def nearest(
@@ -74,7 +72,9 @@ class FlatChart(eqx.Module):
         """The chart of what is seen along a direction (3,) of any length: x and y where that is along z, else
         two axes across it, each as near as may be to one of x, y, z.
         """
-        into, axes = _across(direction)
+        into, first = across(direction)
+        second = np.cross(into, first)
+        axes = np.stack([first, second * np.sign(second[np.argmax(np.abs(second))])])
         return cls(jnp.zeros(3), jnp.asarray(axes), jnp.asarray(into))
 
     @property

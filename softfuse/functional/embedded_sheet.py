@@ -61,11 +61,6 @@ class EmbeddedSheet(MaterialFunctional):
         """Area and thickness."""
         return 2
 
-    @property
-    def nodes(self):
-        """Of all elements that the sheet passes through."""
-        return self.points.nodes.ravel()
-
     def __call__(self, rest, displacement):
         """Area a [m²], and mean stretch s̄ [-] across the sheet (2,)."""
         f = components(jnp.moveaxis(self.points.deformation(rest, displacement), 0, -1))

@@ -1,8 +1,7 @@
-"""The body's surface as something to press on anywhere.
+"""The body's surface as something to press on anywhere, at places with a frame of their own.
 
-A place is (3, 3), see `functional.chart`: a point of the surface [m], and unit tangents u, v there, whose
-cross product is the outward normal; d = −u × v points into the body. What lands along d is sought among the
-faces near the place: with a direction that varies, no table can name them beforehand.
+A place is (3, 3), see `functional.chart`; what lands along its direction is sought among the faces near it:
+with a direction that varies, no table can name them beforehand.
 """
 
 import equinox as eqx
@@ -13,8 +12,7 @@ from jaxtyping import Array, Float, Int
 from scipy.spatial import KDTree
 
 from softfuse.functional.chart import direction_of
-from softfuse.functional.contact import ContactSurface
-from softfuse.functional.face_search import EveryFace
+from softfuse.functional.contact import ContactSurface, EveryFace
 
 
 class Skin(eqx.Module):

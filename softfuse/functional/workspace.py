@@ -35,9 +35,7 @@ class AbstractWorkspace(eqx.Module):
 
     @abstractmethod
     def grid(self, side: int) -> tuple[Float[np.ndarray, "s 3 3"], Float[np.ndarray, "2"]]:
-        """Places (s, 3, 3) all over it, `side` squared of them where it has sides, and how far apart they are
-        along their tangents (2,) [m].
-        """
+        """Places (s, 3, 3) all over it, side² if it has sides, and their pitch along tangents (2,) [m]."""
 
     @abstractmethod
     def drawn(self, rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
@@ -221,9 +219,7 @@ def framed(points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) 
 
 
 def _spread_out(points: Float[np.ndarray, "n 3"], spacing: float) -> Int[np.ndarray, " s"]:
-    """Numbers (s,) of points (n, 3) m, each the furthest from those before, until all are within a spacing of
-    one.
-    """
+    """Numbers (s,) of points (n, 3) m, each furthest from those before, until all are within a spacing."""
     chosen = [0]
     away = np.linalg.norm(points - points[0], axis=1)
     while away.max() > spacing:

@@ -58,11 +58,11 @@ class AbstractPorts(eqx.Module):
         """
 
 
-class LinearPorts(AbstractPorts):
+class AbstractLinearPorts(AbstractPorts):
     """y = y₀ + Gᵀz: values at rest y₀ (p,) and rows G (n, p)."""
 
-    rest: Float[Array, " p"]
-    slopes: Float[Array, "n p"]
+    rest: eqx.AbstractVar[Float[Array, " p"]]
+    slopes: eqx.AbstractVar[Float[Array, "n p"]]
 
     def values(self, body, z):
         """y₀ + Gᵀ z (p,)."""
@@ -83,6 +83,13 @@ class LinearPorts(AbstractPorts):
     def supports(self):
         """No springs."""
         return jnp.zeros_like(self.rest)
+
+
+class LinearPorts(AbstractLinearPorts):
+    """Nothing but values at rest (p,) and rows (n, p)."""
+
+    rest: Float[Array, " p"]
+    slopes: Float[Array, "n p"]
 
     def resultants(self, body, z):
         """Raises SolveError: rows alone do not tell what acts on held nodes."""

@@ -14,14 +14,11 @@ from softfuse.mechanics.solution import RESULTS
 from softfuse.robot.digest import digest
 from softfuse.robot.robot import Robot
 from softfuse.robot.settings import RobotSettings
-from softfuse.rom.atlas import Atlas, AtlasFolder
-from softfuse.rom.cells import AbstractRegions, Cells, Spots
-from softfuse.rom.chart import Chart
-from softfuse.rom.load_paths import LoadPath, presses, pushes
-from softfuse.rom.reach import places_over
-from softfuse.rom.rest_stiffness import RestStiffness
-from softfuse.rom.snapshots import LoadsAt
-from softfuse.rom.teaching import ChartSettings, teach
+from softfuse.rom.basis import RestStiffness
+from softfuse.rom.cells import AbstractRegions, Cells, Spots, places_over
+from softfuse.rom.rom_file import Atlas, AtlasFolder
+from softfuse.rom.snapshots import LoadPath, LoadsAt, presses, pushes
+from softfuse.rom.teaching import Chart, ChartSettings, teach
 
 _REVISION = 7
 """To be raised when other charts come of the same settings."""

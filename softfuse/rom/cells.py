@@ -10,15 +10,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from softfuse.functional.chart import facing
+from softfuse.functional.contact import Contact
 
 _MARGIN = 0.05
 """Of a cell: how far a place may leave it before another one is looked for."""
 
 
 class Cell(NamedTuple):
-    """Where the middle of one disc may be: up to `half` (2,) m along x and y from the `centre` (3,) m; it
-    presses along a `direction` (3,).
-    """
+    """Where a disc's middle may be, within `half` (2,) m of `centre` (3,) m; it presses along `direction`."""
 
     centre: Float[np.ndarray, "3"]
     half: Float[np.ndarray, "2"]
@@ -139,3 +138,29 @@ class Cells(AbstractRegions):
 def pairs(steps: Float[np.ndarray, " k"]) -> Float[np.ndarray, "kk 2"]:
     """All pairs (k k, 2) of some numbers (k,)."""
     return np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+_SIDE = 21
+"""Places along each edge of a cell. They find faces whose edge crosses what a point of the disc passes over,
+and those that hold one of its corners."""
+_INSIDE = 1e-3
+"""So far inside a face, as a part of the way to its middle, its corners are tried."""
+
+
+def places_over(cell: Cell, disc: Contact, rest: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "s 3 3"]:
+    """Places (s, 3, 3) in a cell, for a disc on a surface of nodes at `rest` (k, 3) m.
+
+    A grid; and where a point of the disc passes over a corner of a face, that comes in from there as narrow
+    as may be, a place at which the point lies in this corner.
+    """
+    surface = disc.surface
+    tangents, direction = np.asarray(surface.tangents), np.asarray(surface.direction)
+    corners = rest[np.asarray(surface.faces)[:, :3]] @ tangents.T
+    inside = corners + _INSIDE * (corners.mean(axis=1, keepdims=True) - corners)
+    offsets = np.asarray(disc.points - disc.location) @ tangents.T
+    places = (inside[:, :, None] - offsets) @ tangents + (cell.centre @ direction) * direction
+    places = facing(places.reshape(len(corners), -1, 3), direction)
+    held = cell.holds(places)
+    # One place is enough to know all nodes of a face.
+    one = np.argmax(held, axis=1)
+    return np.concatenate([cell.grid(_SIDE), places[np.arange(len(places)), one][held.any(axis=1)]])

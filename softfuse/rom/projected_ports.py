@@ -26,9 +26,9 @@ from softfuse.mechanics.punch import Punch
 from softfuse.mechanics.surface_ports import CellPorts, PlacePorts
 from softfuse.mechanics.volume import VolumePorts
 from softfuse.rom.basis import Basis
-from softfuse.rom.chart import Chart
 from softfuse.rom.projected_volume import ProjectedVolumes, projected_volumes
 from softfuse.rom.reduced_body import ReducedBody
+from softfuse.rom.teaching import Chart
 
 _NOT_REDUCED = "only a body that discs press along one direction, or patches at named places, can be reduced"
 

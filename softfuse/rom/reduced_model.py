@@ -11,12 +11,12 @@ from softfuse.functional.cavity import Cavity
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model, parts_of
 from softfuse.mechanics.reading import AbstractReading, ShapeReading
-from softfuse.rom.chart import Chart
+from softfuse.rom.basis import RestStiffness
 from softfuse.rom.known_inverses import KnownInverses, ReducedDense
 from softfuse.rom.projected_ports import projected_contact, projected_load
 from softfuse.rom.projected_volume import projected_volumes
 from softfuse.rom.projection import project
-from softfuse.rom.rest_stiffness import RestStiffness
+from softfuse.rom.teaching import Chart
 
 
 def reduced_model(

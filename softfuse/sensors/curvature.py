@@ -50,11 +50,6 @@ class StationBending(MaterialFunctional):
         """Two or three for each station."""
         return self.curve.count if self.axial else self.curve.count // 3 * 2
 
-    @property
-    def nodes(self):
-        """The curve's."""
-        return self.curve.nodes
-
     def __call__(self, rest, displacement):
         """Station by station."""
         every = self.curve(rest, displacement).reshape(-1, 3)

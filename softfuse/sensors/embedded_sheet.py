@@ -24,11 +24,6 @@ class SheetCapacitance(MaterialFunctional):
 
     sheet: EmbeddedSheet
 
-    @property
-    def nodes(self):
-        """The sheet's."""
-        return self.sheet.nodes
-
     def __call__(self, rest, displacement):
         """(a/a₀)/s̄ [-] (1,)."""
         area, stretch = self.sheet(rest, displacement)

@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from pydantic import model_validator
 
-from softfuse.functional.orientation import DirectionInPatch, PatchRotation
-from softfuse.functional.rotation import rotation_vector
+from softfuse.functional.orientation import DirectionInPatch, PatchRotation, rotation_vector
 from softfuse.io.quantity import PositiveAcceleration, PositiveAngle, PositiveLength
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.sensors.axes import WORLD, Axes

@@ -16,7 +16,7 @@ import pytest
 from scipy.optimize import brentq
 
 from softfuse.body import TAYLOR_HOOD, Body
-from softfuse.functional import Cavity
+from softfuse.functional.cavity import Cavity
 from softfuse.material import NeoHookean
 from softfuse.mechanics import RESULTS, Loads, Newton, PrescribedForce, Solution, State, solve
 from softfuse.mechanics.gas import SealedGas

@@ -156,9 +156,7 @@ class ForceFilter:
     def rested(
         self, known: Normal, evidence: Evidence, calm: Bool[np.ndarray, " k"], largest: float
     ) -> Normal:
-        """With what readings say that are calm (k,), as the body is at rest again after readings of up to
-        `largest`.
-        """
+        """With what calm readings (k,) say, the body being at rest again after ones of up to `largest`."""
         reading, own = self._reading(evidence, evidence), np.arange(self.readings)
         rows = np.where(np.arange(self._size) < self._drifts.start, 0.0, reading.rows)[own]
         sigma = np.hypot(reading.sigma[own], self.process.creep * largest)

@@ -272,14 +272,10 @@ def smoothed_recording(smoother: Smoother, found: Iterable[Tracked]) -> tuple[li
     smoother.reset()
     for now in found:
         so_far.append(smoother.update(now))
-        _put_last(whole, smoother.ended)
-        whole.append(so_far[-1])
-    _put_last(whole, smoother.finish())
-    return so_far, whole
-
-
-def _put_last(whole: list[Smoothed], ended: list[Smoothed]) -> None:
+        whole[len(whole) - len(smoother.ended) :] = [*smoother.ended, so_far[-1]]
+    ended = smoother.finish()
     whole[len(whole) - len(ended) :] = ended
+    return so_far, whole
 
 
 def _integral_V2s2(drift: ReadingDrift) -> Float[np.ndarray, " k"]:

@@ -18,7 +18,7 @@ What is measured is averaged over `average` by an exponential mean, which leaves
 lags τ behind: shapes are slow, noise is not. To the noise of the pressures comes the error of the modelled
 ones: a part `model_error` of the largest change among all chambers, for what the model misses of one way of
 bending is seen in every chamber. While something is near, changes count from the last frame before: what the
-model misses of the shape before is known (`estimation.model_offset`).
+model misses of the shape before is known (`estimation.model_error`).
 
 The pressure of sealed gas tells the change of its volume V, tube and port included, whose gas is compressed
 as well:
