@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import pytest
 
-from softfuse.functional import Cavity
+from softfuse.functional.cavity import Cavity
 from softfuse.mechanics.reading import AbstractReading, AnswerReading, JointReading, ShapeReading
 from softfuse.rom.reduced_model import volume_readings
 
