@@ -9,7 +9,7 @@ readings of all other sensors; the places of contacts. All of it is pure and cau
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -145,11 +145,8 @@ class AbstractSensor(eqx.Module):
     readings: tuple[str, ...] = eqx.field(static=True)
     units: tuple[str, ...] = eqx.field(static=True)
     """The SI unit of each reading, such as "m", "m^3", "Pa", "N" or "rad"; "" of a plain number."""
-
-    @property
-    def chambers(self) -> tuple[str, ...]:
-        """Chambers whose changes of volume it tells."""
-        return ()
+    chambers: tuple[str, ...] = eqx.field(static=True)
+    """Chambers whose changes of volume it tells."""
 
     @property
     def drift(self) -> DriftModel | None:
@@ -184,11 +181,8 @@ class AbstractContactSensor(eqx.Module):
     channels: tuple[str, ...] = eqx.field(static=True)
     contact: str = eqx.field(static=True)
     slots: int = eqx.field(static=True)
-
-    @property
-    @abstractmethod
-    def misses(self) -> bool:
-        """Whether something may press that it does not see."""
+    misses: ClassVar[bool]
+    """Whether something may press that it does not see."""
 
     @abstractmethod
     def init(self) -> Any:

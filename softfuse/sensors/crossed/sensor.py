@@ -145,6 +145,7 @@ class CrossedElectrodes(AbstractContactSensor):
     location.
     """
 
+    misses = True  # what does not conduct is not seen
     weighted_mean: bool = eqx.field(static=True)
     array: CapacitiveArray
     peak: PeakModel
@@ -153,11 +154,6 @@ class CrossedElectrodes(AbstractContactSensor):
     chart: AbstractChart
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
-
-    @property
-    def misses(self):
-        """What does not conduct is not seen."""
-        return True
 
     def image(self, details):
         """Of all crossings."""

@@ -76,6 +76,7 @@ class MutualElectrodes(AbstractContactSensor):
     images allow.
     """
 
+    misses = False  # what does not conduct couples
     array: CapacitiveArray
     model: MutualModel
     splitting: Splitting
@@ -87,11 +88,6 @@ class MutualElectrodes(AbstractContactSensor):
     chart: AbstractChart
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
-
-    @property
-    def misses(self):
-        """What does not conduct couples."""
-        return False
 
     def image(self, details):
         """Of all crossings."""

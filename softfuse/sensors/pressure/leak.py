@@ -42,24 +42,18 @@ from softfuse.sensors.parameters import parameters
 
 
 class LeakTest(eqx.Module):
-    """Parameters of the test; all fields are leaves, one value for all channels."""
+    """Parameters of the test, see above, one value for all channels: θ0, evidence, time over which the
+    pressure at rest is averaged, repeat, d, p_lost, memory, σ_θ. All fields are leaves.
+    """
 
     tolerated_1_s: Float[Array, ""]
-    """Largest rate θ0 that is no leak [1/s]."""
     sigma: Float[Array, ""]
-    """Evidence that makes a leak [standard deviations]."""
     window_s: Float[Array, ""]
-    """Time over which the pressure at rest is averaged [s]."""
     repeat_Pa: Float[Array, ""]
-    """Standard deviation with which the pressure at rest comes back after a deformation [Pa]."""
     drift_Pa_s: Float[Array, ""]
-    """Standard deviation of the rate at which the pressure at rest drifts [Pa/s]."""
     unknown_Pa: Float[Array, ""]
-    """Standard deviation of the pressure while the channel is not readable [Pa]."""
     memory_s: Float[Array, ""]
-    """Deformed time after which a deformation weighs 1/e [s]."""
     prior_1_s: Float[Array, ""]
-    """Standard deviation σ_θ of the rate before any deformation [1/s]."""
 
 
 class LeakSettings(Settings):
