@@ -15,12 +15,12 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from pydantic import AfterValidator
+from pydantic import AfterValidator, BeforeValidator
 
 from softfuse.errors import ConfigError
 from softfuse.functional.chart import FlatChart
-from softfuse.io.quantity import wrong_value
-from softfuse.io.settings import NotEmpty, Settings
+from softfuse.io.quantity import PositiveNumber, wrong_value
+from softfuse.io.settings import NotEmpty, Settings, listed
 from softfuse.sensors.electronics import ChannelElectronics, Converter
 from softfuse.sensors.frame_time import FrameTime
 from softfuse.sensors.zero_drift import DriftModel, ReadingDrift
@@ -213,6 +213,9 @@ def _no_two(names: tuple[str, ...]) -> tuple[str, ...]:
 
 Names = Annotated[tuple[str, ...], NotEmpty, AfterValidator(_no_two)]
 """Names of channels, chambers, cables ..., no two alike."""
+
+Gains = Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)]
+"""What is measured over what there is [-]: one value for all, or one for each."""
 
 
 class SensorSettings(Settings):

@@ -2,10 +2,10 @@
 
 Such a touch begins when gas flows out of a cavity, or is squeezed in a sealed one, while nothing is near the
 electrodes, for `on_frames` frames, and ends when all air is still and has come back for `off_frames`: when no
-cavity lacks more than a `returned` part of the most that one has lacked, or, of one whose flow was lost, since it was too
-fast to be measured, when gas flew in last. What electrodes see takes over from it. A sensor's zero that jumps
-looks like an outflow without end; after `longest_s` of it the touch is given up, and none begins until the
-outflow has ended.
+cavity lacks more than a `returned` part of the most that one has lacked, or, of one whose flow was lost,
+since it was too fast to be measured, when gas flew in last. What electrodes see takes over from it. A
+sensor's zero that jumps looks like an outflow without end; after `longest_s` of it the touch is given up, and
+none begins until the outflow has ended.
 """
 
 import equinox as eqx

@@ -17,12 +17,10 @@ from softfuse.io.quantity import (
     VOLTAGE_WALK,
     Dimension,
     PositiveInteger,
-    PositiveNumber,
     shown,
     wrong_value,
 )
-from softfuse.io.settings import NotEmpty, listed
-from softfuse.sensors.base import Names, SensorSettings
+from softfuse.sensors.base import Gains, Names, SensorSettings
 from softfuse.sensors.electronics import ChannelElectronics, equal_channels
 
 
@@ -68,7 +66,7 @@ class PartSettings(SensorSettings):
     chambers: Names
     part: str | None = None
     output: Literal["volts", "counts"] = "volts"
-    gain: Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)] = (1.0,)
+    gain: Gains = (1.0,)
     low: Raw
     high: Raw
     noise: PositiveRaw

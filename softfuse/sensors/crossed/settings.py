@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from jaxtyping import Array, Float
-from pydantic import BeforeValidator, model_validator
+from pydantic import model_validator
 
 from softfuse.io.quantity import (
     Angle,
@@ -21,7 +21,8 @@ from softfuse.io.quantity import (
     PositiveNumber,
     wrong_value,
 )
-from softfuse.io.settings import NotEmpty, Positions, Settings, listed
+from softfuse.io.settings import Positions, Settings
+from softfuse.sensors.base import Gains
 from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray, CountsSettings
 from softfuse.sensors.crossed.field import ArrayField, CrossedLines, FieldSettings
 from softfuse.sensors.crossed.peak_model import PeakModel
@@ -31,9 +32,6 @@ from softfuse.sensors.parameters import parameters
 from softfuse.sensors.parts import Parts, TrueContact
 
 Fraction = Annotated[Number, Gt(0), Lt(1)]
-
-Gains = Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)]
-"""What is measured over what there is [-]: one value for all, or one for each."""
 
 # Of virtual lines: counts per farad, parasitic counts and by how much they differ, bound of gains, a slow
 # drift.
