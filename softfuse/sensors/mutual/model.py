@@ -51,8 +51,8 @@ def mean_pitch(column_x, row_y):
 
 
 class MutualModel(eqx.Module):
-    """The grid: x of its columns' centre lines (c,), y of its rows' (r,), ascending, b, t and R [m], a (c, r),
-    and χ; and what is assumed about what touches it. All fields are leaves.
+    """The grid: x of its columns' centre lines (c,), y of its rows' (r,), ascending, b, t and R [m], a (c,
+    r), and χ; and what is assumed about what touches it. All fields are leaves.
     """
 
     column_x_m: Float[Array, " c"]
