@@ -1,13 +1,13 @@
 """Touches followed from image to image: each keeps its number, and is near, light or firm.
 
-Every track expects its source at p + v dt, and the sources of an image (`mutual_fit`) are assigned to the
+Every track expects its source at p + v dt, and the sources of an image (`mutual.fit`) are assigned to the
 tracks so that the sum of squared distances, none counted beyond `gate_m`², is the least of all permutations.
 A track without a source is remembered for `memory_s`: what comes back there is the same touch. What no track
 expects is a new one, with the next number.
 
 * proximity: something shields, by less than `contact_on` of contact.
 * light touch: by more for `on_frames`; or something couples that does not shield, for as long. From then on
-  its shielding is held and what changes is coupling (`mutual_fit`), until the image is that of a thing that
+  its shielding is held and what changes is coupling (`mutual.fit`), until the image is that of a thing that
   hovers, and shields by less, for `off_frames`.
 * firm touch: coupling above `firm_on` for `on_frames`, until below `firm_off` for `off_frames`.
 
