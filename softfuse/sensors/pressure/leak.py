@@ -27,7 +27,7 @@ drift d is there for it. A cavity that is open (τ of some tenths of a second) s
 leak.
 """
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Annotated, Self
 
 import equinox as eqx
@@ -121,22 +121,8 @@ class LeakState(eqx.Module):
 def leak_init(channels: int) -> LeakState:
     """State before the first frame: no rest was seen, nothing leaks."""
     nothing, no = jnp.zeros(channels), jnp.zeros(channels, bool)
-    return LeakState(
-        equilibrium_Pa=nothing,
-        known=no,
-        level_Pa=nothing,
-        level_variance_Pa2=nothing,
-        mean_Pa=nothing,
-        mean_variance_Pa2=nothing,
-        mean_frames=jnp.zeros(channels, int),
-        mean_s=nothing,
-        integral_Pas=nothing,
-        apart_s=nothing,
-        lost_s=nothing,
-        information_s2=nothing,
-        score_s=nothing,
-        leaking=no,
-    )
+    zeros = {each.name: nothing for each in fields(LeakState)}
+    return LeakState(**zeros | {"known": no, "mean_frames": jnp.zeros(channels, int), "leaking": no})
 
 
 def leak_rate(test: LeakTest, state: LeakState) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
