@@ -24,20 +24,17 @@ from softfuse.sensors.base import Gains, Names, SensorSettings
 from softfuse.sensors.electronics import ChannelElectronics, equal_channels
 
 
-def number(value: Any) -> float:
-    """A plain number."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise wrong_value(f"{shown(value)} is no plain number, as the output is digital")
-    return float(value)
-
-
 def in_output(volts: Dimension, digital: Dimension | None = None) -> BeforeValidator:
     """Reads a quantity in the output's unit: of one dimension for volts, of another or none else."""
 
     def parse(value: Any, info: ValidationInfo) -> float:
         if info.data.get("output", "volts") == "volts":
             return volts.parse(value)
-        return number(value) if digital is None else digital.parse(value)
+        if digital is not None:
+            return digital.parse(value)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise wrong_value(f"{shown(value)} is no plain number, as the output is digital")
+        return float(value)
 
     return BeforeValidator(parse)
 
