@@ -85,6 +85,7 @@ class CableLengthSettings(SensorSettings):
             self,
             readings=tuple(f"{self.name} {cable}" for cable in self.cables),
             units=("m",) * len(self.cables),
+            chambers=(),
             zero_m=jnp.broadcast_to(jnp.array(self.zero, float), (len(self.channels),)),
         )
 

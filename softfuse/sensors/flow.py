@@ -153,7 +153,6 @@ class FlowReading(eqx.Module):
 class Flow(AbstractSensor):
     """k equal flow sensors, one on each of some chambers."""
 
-    vented: tuple[str, ...] = eqx.field(static=True)
     zero_V: Float[Array, " k"]
     """(k,) nominal zero [V]."""
     sensitivity_Vs_m3: Float[Array, " k"]
@@ -178,11 +177,6 @@ class Flow(AbstractSensor):
     """Time of unknown flow since the reset up to which a volume is still called valid [s]."""
     lag_frames: int = eqx.field(static=True)
     """Number of frames by which the zero filter runs behind."""
-
-    @property
-    def chambers(self):
-        """Those that are vented through it."""
-        return self.vented
 
     @property
     def drift(self):
@@ -318,14 +312,12 @@ class Flow(AbstractSensor):
 
 
 class FlowSettings(PartSettings):
-    """Flow sensors on vented chambers, one channel for each; keys left out are those of the `part`.
+    """Flow sensors on vented chambers.
 
-    output: what channels carry, "volts" or "counts"; zero, low, high, noise, bias_sigma, wander_sigma,
-    lost_sigma, full_scale in its unit, sensitivity per flow, bias_walk per √s, times in s: see `Flow`.
-    gain [-]: what is measured over what flows, one value or one for each chamber. bits, full_scale: of the
-    converter. noise, wander_sigma and wander_time are read off the structure function (half the mean square
-    difference over a lag) of a few minutes of readings at rest: its value at short lags, its rise and the lag
-    at which it has risen by 63 %.
+    zero, bias_sigma, wander_sigma, lost_sigma in the unit of the channels, sensitivity per flow, bias_walk
+    per √s, times in s: see `Flow`. noise, wander_sigma and wander_time are read off the structure function
+    (half the mean square difference over a lag) of a few minutes of readings at rest: its value at short
+    lags, its rise and the lag at which it has risen by 63 %.
     """
 
     known_parts: ClassVar = _PARTS
@@ -364,7 +356,6 @@ class FlowSettings(PartSettings):
             self,
             readings=self.readings,
             units=("m^3",) * count,
-            vented=self.chambers,
             zero_V=jnp.full(count, self.zero, float),
             sensitivity_Vs_m3=self.sensitivity * jnp.broadcast_to(jnp.array(self.gain, float), (count,)),
             zero_drift=parameters(ZeroDrift, self),

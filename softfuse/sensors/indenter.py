@@ -24,6 +24,7 @@ class Indenter(AbstractContactSensor):
     a touch; `sigma_m`: of a place; `low_m`, `high_m` (2,) where middles may be [m].
     """
 
+    misses = False  # nothing else presses there
     chart: FlatChart
     unit_m: Float[Array, ""]
     on_N: Float[Array, ""]
@@ -31,11 +32,6 @@ class Indenter(AbstractContactSensor):
     sigma_m: Float[Array, ""]
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
-
-    @property
-    def misses(self):
-        """Nothing else presses there."""
-        return False
 
     def init(self):
         """Nothing touches: touching, and the last reading (3,)."""

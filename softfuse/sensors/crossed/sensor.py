@@ -130,10 +130,7 @@ class CrossedState(eqx.Module):
 class _Seen(NamedTuple):
     """Memory within a frame."""
 
-    array: ArrayState
-    touch: TouchState
-    peak: PeakTrack
-    lying: Bool[Array, " e"]
+    state: CrossedState
     counts: Float[Array, " e"]
     reading: ArrayReading
 
@@ -145,6 +142,7 @@ class CrossedElectrodes(AbstractContactSensor):
     location.
     """
 
+    misses = True  # what does not conduct is not seen
     weighted_mean: bool = eqx.field(static=True)
     array: CapacitiveArray
     peak: PeakModel
@@ -153,11 +151,6 @@ class CrossedElectrodes(AbstractContactSensor):
     chart: FlatChart
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
-
-    @property
-    def misses(self):
-        """What does not conduct is not seen."""
-        return True
 
     def image(self, details):
         """Of all crossings."""
@@ -186,19 +179,20 @@ class CrossedElectrodes(AbstractContactSensor):
         strength = touch_strength(reading.signal_counts[:rows], reading.signal_counts[rows:])
         touch = touch_update(self.detector, state.touch, strength, hint.still(~hint.begins).squeezed())
         touch = if_begun(touch_begun(strength), touch)
-        seen = _Seen(known, touch, state.peak, state.lying, raw, reading)
+        seen = _Seen(CrossedState(known, touch, state.peak, state.lying), raw, reading)
         return seen, Touch(touch.near, touch.touching[None], ~touch.touching, begun)
 
     def locate(self, state, frame, context, squeezed_m3):
         """By the peak; a dent as deep as that volume spreads it."""
-        touch, reading = state.touch, state.reading
+        counts, reading, state = state.counts, state.reading, state.state
+        touch = state.touch
         # A line found lying stays out until nothing is near.
         trusted = reading.valid & ~state.lying
         peak, (location, covariance, widening, residual, honest, located) = _peak(
             self.peak, state.peak, reading.signal_counts, trusted, touch.near
         )
         touching = touch.touching | context.unseen
-        array = track_baseline(self.array, state.array, frame.dt_s, state.counts, touch.near, touching)
+        array = track_baseline(self.array, state.array, frame.dt_s, counts, touch.near, touching)
         later = CrossedState(array, touch, peak, touch.near & (state.lying | (trusted & ~honest)))
         rows = self.peak.row_y_m.shape[0]
         signal = reading.signal_counts
@@ -208,7 +202,7 @@ class CrossedElectrodes(AbstractContactSensor):
         inside = jnp.all((at >= self.low_m) & (at <= self.high_m))
         place, spread = chart_place(self.chart, at, self.pose.spread(covariance, widening, dent))
         # In the first frame no line has a baseline yet.
-        lost = jnp.where(frame.first, ~jnp.isfinite(state.counts), ~honest)
+        lost = jnp.where(frame.first, ~jnp.isfinite(counts), ~honest)
         found = touch.touching & located
         return later, Evidence(
             touch.touching[None],

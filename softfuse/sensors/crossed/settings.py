@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from jaxtyping import Array, Float
-from pydantic import BeforeValidator, model_validator
+from pydantic import model_validator
 
 from softfuse.io.quantity import (
     Angle,
@@ -21,7 +21,8 @@ from softfuse.io.quantity import (
     PositiveNumber,
     wrong_value,
 )
-from softfuse.io.settings import NotEmpty, Positions, Settings, listed
+from softfuse.io.settings import Positions, Settings
+from softfuse.sensors.base import Gains
 from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray, CountsSettings
 from softfuse.sensors.crossed.field import ArrayField, CrossedLines, FieldSettings
 from softfuse.sensors.crossed.peak_model import PeakModel
@@ -31,9 +32,6 @@ from softfuse.sensors.parameters import parameters
 from softfuse.sensors.parts import Parts, TrueContact
 
 Fraction = Annotated[Number, Gt(0), Lt(1)]
-
-Gains = Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)]
-"""What is measured over what there is [-]: one value for all, or one for each."""
 
 # Of virtual lines: counts per farad, parasitic counts and by how much they differ, bound of gains, a slow
 # drift.
@@ -134,20 +132,17 @@ class CrossedSettings(CountsSettings):
                 raise wrong_value("an array has at least two lines in each direction", key=key)
         lines = len(self.row_y) + len(self.column_x)
         self._count(lines, f"{lines} lines of row_y and column_x")
-        baselines = {"row": self.row_baseline, "column": self.column_baseline}
-        for name, lines, gain in (
-            ("row", self.row_y, self.row_gain),
-            ("column", self.column_x, self.column_gain),
+        for name, lines, gain, baseline in (
+            ("row", self.row_y, self.row_gain, self.row_baseline),
+            ("column", self.column_x, self.column_gain, self.column_baseline),
         ):
             self._one_each(f"{name}_gain", gain, len(lines))
-            baseline = baselines[name]
             if baseline is not None and len(baseline) != len(lines):
                 raise wrong_value(f"{len(baseline)} values for {len(lines)}", key=f"{name}_baseline")
-        for name, other in (("row", "column"), ("column", "row")):
-            if baselines[name] is None and baselines[other] is not None:
-                raise wrong_value(
-                    f"missing, while {other}_baseline is given: give both or none", key=f"{name}_baseline"
-                )
+        if (self.row_baseline is None) != (self.column_baseline is None):
+            name, other = ("row", "column") if self.row_baseline is None else ("column", "row")
+            message = f"missing, while {other}_baseline is given: give both or none"
+            raise wrong_value(message, key=f"{name}_baseline")
         return self
 
     def gains(self) -> Float[Array, " e"]:

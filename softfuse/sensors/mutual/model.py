@@ -51,24 +51,19 @@ def mean_pitch(column_x, row_y):
 
 
 class MutualModel(eqx.Module):
-    """The grid and what is assumed about what touches it; all fields are leaves."""
+    """The grid: x of its columns' centre lines (c,), y of its rows' (r,), ascending, b, t and R [m], a (c,
+    r), and χ; and what is assumed about what touches it. All fields are leaves.
+    """
 
     column_x_m: Float[Array, " c"]
-    """(c,) x of the columns' centre lines [m], ascending."""
     row_y_m: Float[Array, " r"]
-    """(r,) y of the rows' centre lines [m], ascending."""
     half_width_m: Float[Array, ""]
-    """Half the width b of a line [m]."""
     depth_m: Float[Array, ""]
-    """Depth t of the electrodes below the surface [m]."""
     finger_radius_m: Float[Array, ""]
-    """Radius R of what touches [m]."""
     contact_counts: Float[Array, ""]
     """Drop of a cell's reading under a grounded finger that lies on it without force [counts]."""
     gain: Float[Array, "c r"]
-    """(c, r) signal of each cell relative to that of all, first index along x."""
     crosstalk: Float[Array, ""]
-    """Part χ of the signals of a column's and a row's other cells that a cell shows as well."""
     shield_sigma: Float[Array, ""]
     """Standard deviation of the shielding of different fingers in contact, by which s may exceed 1."""
     noise_counts: Float[Array, ""]

@@ -27,7 +27,7 @@ drift d is there for it. A cavity that is open (τ of some tenths of a second) s
 leak.
 """
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Annotated, Self
 
 import equinox as eqx
@@ -42,24 +42,18 @@ from softfuse.sensors.parameters import parameters
 
 
 class LeakTest(eqx.Module):
-    """Parameters of the test; all fields are leaves, one value for all channels."""
+    """Parameters of the test, see above, one value for all channels: θ0, evidence, time over which the
+    pressure at rest is averaged, repeat, d, p_lost, memory, σ_θ. All fields are leaves.
+    """
 
     tolerated_1_s: Float[Array, ""]
-    """Largest rate θ0 that is no leak [1/s]."""
     sigma: Float[Array, ""]
-    """Evidence that makes a leak [standard deviations]."""
     window_s: Float[Array, ""]
-    """Time over which the pressure at rest is averaged [s]."""
     repeat_Pa: Float[Array, ""]
-    """Standard deviation with which the pressure at rest comes back after a deformation [Pa]."""
     drift_Pa_s: Float[Array, ""]
-    """Standard deviation of the rate at which the pressure at rest drifts [Pa/s]."""
     unknown_Pa: Float[Array, ""]
-    """Standard deviation of the pressure while the channel is not readable [Pa]."""
     memory_s: Float[Array, ""]
-    """Deformed time after which a deformation weighs 1/e [s]."""
     prior_1_s: Float[Array, ""]
-    """Standard deviation σ_θ of the rate before any deformation [1/s]."""
 
 
 class LeakSettings(Settings):
@@ -127,22 +121,8 @@ class LeakState(eqx.Module):
 def leak_init(channels: int) -> LeakState:
     """State before the first frame: no rest was seen, nothing leaks."""
     nothing, no = jnp.zeros(channels), jnp.zeros(channels, bool)
-    return LeakState(
-        equilibrium_Pa=nothing,
-        known=no,
-        level_Pa=nothing,
-        level_variance_Pa2=nothing,
-        mean_Pa=nothing,
-        mean_variance_Pa2=nothing,
-        mean_frames=jnp.zeros(channels, int),
-        mean_s=nothing,
-        integral_Pas=nothing,
-        apart_s=nothing,
-        lost_s=nothing,
-        information_s2=nothing,
-        score_s=nothing,
-        leaking=no,
-    )
+    zeros = {each.name: nothing for each in fields(LeakState)}
+    return LeakState(**zeros | {"known": no, "mean_frames": jnp.zeros(channels, int), "leaking": no})
 
 
 def leak_rate(test: LeakTest, state: LeakState) -> tuple[Float[Array, " k"], Float[Array, " k"]]:

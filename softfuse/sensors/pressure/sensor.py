@@ -94,7 +94,6 @@ class PressureReading(eqx.Module):
 class GaugePressure(AbstractSensor):
     """k equal pressure sensors, one on each of some chambers."""
 
-    tapped: tuple[str, ...] = eqx.field(static=True)
     sealed: tuple[bool, ...] = eqx.field(static=True)
     """Whether the gas of each chamber does not escape, so that its pressure tells the volume."""
     supplied: bool = eqx.field(static=True)
@@ -148,11 +147,6 @@ class GaugePressure(AbstractSensor):
     lag_frames: int = eqx.field(static=True)
     """Number of frames by which tare and leak test run behind."""
 
-    @property
-    def chambers(self):
-        """Those whose gas is sealed in."""
-        return tuple(name for name, sealed in zip(self.tapped, self.sealed, strict=True) if sealed)
-
     def init(self):
         """At rest."""
         # A state of other dtypes than its successor's would compile the update twice.
@@ -185,7 +179,7 @@ class GaugePressure(AbstractSensor):
         """Raw readings, and the reference as the last of them where it is measured; `details`:
         PressureReading.
         """
-        k = len(self.tapped)
+        k = len(self.sealed)
         reference = raw[k] if self.supplied else jnp.asarray(jnp.nan)
         later, seen = self.filtered(state, frame.dt_s, raw[:k], reference, context.resting)
         mean, known, noise = self._averaged(state, frame.dt_s, seen)
