@@ -3,11 +3,12 @@
     .venv/bin/python benchmarks/slender_robots.py ROBOTS [--beside CHECKOUT] [--only CASE ...] [--json FILE]
 
 ROBOTS is a folder with trunk.toml, 150 mm with three cables and chambers, and pneunet.toml, five cells on a
-strip, both made of surfaces. A third robot is drawn here: a trunk of 200 mm with eight cables of ten guides
-each, of which one is shortened by 20 mm. Every case is one `softfuse simulate` as a process of its own, run
-twice, with an empty cache of compiled programs and with what the first run left there; --beside runs each
-case of another checkout of softfuse right before. Told are seconds on the wall and of the processor, with
-meshing and compilation, the equilibrium's iterations, and how the search ended.
+strip, both made of surfaces, as commit 6d474a5 reads them: they are rewritten for this one. A third robot is
+drawn here: a trunk of 200 mm with eight cables of ten guides each, of which one is shortened by 20 mm. Every
+case is one `softfuse simulate` as a process of its own, run twice, with an empty cache of compiled programs
+and with what the first run left there; --beside runs each case of a checkout of 6d474a5 right before. Told
+are seconds on the wall and of the processor, with meshing and compilation, the equilibrium's iterations, and
+how the search ended.
 """
 
 import argparse
@@ -17,11 +18,14 @@ import resource
 import subprocess
 import sys
 import time
+import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import tomlkit
 
 HERE = Path(__file__).parents[1]
 LENGTH, ROOT, TIP = 0.2, 0.016, 0.008
@@ -29,22 +33,72 @@ CABLES, GUIDES, SIDES, RINGS = 8, 10, 24, 21
 
 
 class Case(NamedTuple):
-    """A config with some of its text replaced, and what is done to the robot."""
+    """A config with some of its text replaced, and what is done to the robot: which electrode is pressed how
+    hard, and which cable is shortened by how much.
+    """
 
     name: str
     config: str
-    edits: dict[str, str]
-    given: tuple[str, ...]
+    edits: dict[str, str] = {}
+    press: tuple[str, ...] = ()
+    cable: tuple[str, ...] = ()
 
 
 YOUNG, GRAVITY = 'young = "0.125 MPa"', 'gravity = ["0 m/s^2", "0 m/s^2", "-9.81 m/s^2"]'
 CASES = (
-    Case("trunk", "trunk.toml", {}, ("--electrode", "tip 0", "--force", "0.1", "--cable", "6 mm")),
-    Case("finger_soft", "pneunet.toml", {}, ()),
-    Case("finger_stiff", "pneunet.toml", {YOUNG: 'young = "0.6 MPa"'}, ()),
-    Case("finger_tip", "pneunet.toml", {GRAVITY: ""}, ("--electrode", "tip palm", "--force", "0.02")),
-    Case("eight_cables", "eight.toml", {}, ("--cable", "20 mm")),
+    Case("trunk", "trunk.toml", press=("tip 0", "0.1"), cable=("cable 0", "6 mm")),
+    Case("finger_soft", "pneunet.toml"),
+    Case("finger_stiff", "pneunet.toml", {YOUNG: 'young = "0.6 MPa"'}),
+    Case("finger_tip", "pneunet.toml", {GRAVITY: ""}, press=("tip palm", "0.02")),
+    Case("eight_cables", "eight.toml", cable=("0", "20 mm")),
 )
+
+
+def rewritten(old: dict[str, Any]) -> dict[str, Any]:
+    """A configuration of 6d474a5 as one of today; sensors but the electrodes are left out, no equilibrium
+    needs them.
+    """
+    gas, contact, electrodes = old.get("gas"), old["contact"], old["electrode"]
+    spans = [next(filter(lambda part: float(part.split()[0]), place["span"])) for place in electrodes]
+    along = [[float(float(part.split()[0]) != 0) for part in place["span"]] for place in electrodes]
+    sealed = {} if gas is None else {"gas": "sealed"} | {k: v for k, v in gas.items() if k != "atmosphere"}
+    body = {key: value for key, value in old["body"].items() if key != "gravity"}
+    return {
+        "robot": old["device"],
+        "body": body,
+        "environment": {
+            "gravity": old["body"].get("gravity", ["0 m/s^2"] * 3),
+            "atmosphere": "101.325 kPa" if gas is None else gas["atmosphere"],
+        },
+        "chamber": [{**cavity, **sealed} for cavity in old.get("cavity", [])],
+        "cable": old.get("cable", []),
+        "contact": [
+            {
+                "name": "hand",
+                **{key: contact[key] for key in ("model", "radius", "max_force")},
+                "span": spans[0],
+                "place_sigma": contact.get("place_sigma", "3 mm"),
+            }
+        ],
+        "sensor": [
+            {
+                "name": "skin",
+                "type": "electrodes",
+                "contact": "hand",
+                "channels": [f"e{k}" for k in range(len(electrodes))],
+                "electrodes": [
+                    {
+                        **{key: place[key] for key in ("name", "centre", "direction")},
+                        "along": way,
+                        "size": [span, span],
+                    }
+                    for place, span, way in zip(electrodes, spans, along, strict=True)
+                ],
+            }
+        ],
+        "point": old.get("point", []),
+        **{key: old[key] for key in ("centreline", "estimator") if key in old},
+    }
 
 
 def tapered(folder: Path) -> None:
@@ -92,7 +146,7 @@ def tapered(folder: Path) -> None:
     (folder / "eight.toml").write_text("\n".join(lines) + "\n")
 
 
-def timed(checkout: Path, config: Path, given: tuple[str, ...], cache: Path) -> dict:
+def timed(checkout: Path, config: Path, given: Sequence[str], cache: Path) -> dict[str, Any]:
     """One `softfuse simulate` of a checkout."""
     numbers = cache.with_suffix(".json")
     numbers.unlink(missing_ok=True)
@@ -134,14 +188,23 @@ def main() -> None:
         for case in CASES if given.only is None else [c for c in CASES if c.name in given.only]:
             source = folder if case.config == "eight.toml" else given.robots
             text = (source / case.config).read_text()
-            for old, new in case.edits.items():
-                assert old in text, (case.name, old)
-                text = text.replace(old, new)
-            config = folder / f"{case.name}_{case.config}"
-            config.write_text(text)
-            for label, checkout in (("beside", given.beside), ("here", HERE)):
+            for there, instead in case.edits.items():
+                assert there in text, (case.name, there)
+                text = text.replace(there, instead)
+            old, new = folder / f"old_{case.config}", folder / f"new_{case.config}"
+            old.write_text(text)
+            new.write_text(tomlkit.dumps(rewritten(tomllib.loads(text))))
+            before = [x for pair in zip(("--electrode", "--force"), case.press, strict=False) for x in pair]
+            today = [x for pair in zip(("--at", "--force"), case.press, strict=False) for x in pair]
+            if case.cable:
+                before += ["--cable", case.cable[1]]
+                today += ["--cable", "=".join(case.cable)]
+            for label, checkout, config, done in (
+                ("beside", given.beside, old, before),
+                ("here", HERE, new, today),
+            ):
                 for cache in ("cold", "warm") if checkout else ():
-                    row = timed(checkout, config, case.given, folder / f"{label}_{case.name}")
+                    row = timed(checkout, config, done, folder / f"{label}_{case.name}")
                     rows.append({"case": case.name, "checkout": label, "cache": cache, **row})
                     print(*(f"{key} {value}" for key, value in rows[-1].items()), sep="  ", flush=True)
     if given.json is not None:

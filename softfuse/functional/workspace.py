@@ -7,6 +7,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from softfuse.errors import MeshError
 from softfuse.functional.chart import FlatChart
@@ -14,6 +16,9 @@ from softfuse.mesh.nearest import nearest_on_triangles
 
 Within = Callable[[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]], Bool[np.ndarray, " n"]]
 """Which points (n, 3) m of a surface with outward unit normals (n, 3) are meant."""
+
+_CREASE = np.cos(np.radians(35.0))
+"""Cosine between faces that meet at a crease. Facets of a coarse dome meet at less."""
 
 _CANDIDATES = 40
 """Points that are drawn for each place of a surface, of which those far apart are kept."""
@@ -77,8 +82,7 @@ class FlatWorkspace(AbstractWorkspace):
 class SurfaceWorkspace(AbstractWorkspace):
     """A part of a triangulated surface: places (s, 3, 3) some `spacing` [m] apart all over it.
 
-    `corners` (f, 3, 3) m of its triangles and unit normals (f, 3, 3) at these, which vary from one to the
-    next as those of the smooth surface that they stand for do.
+    `corners` (f, 3, 3) m of its triangles and unit normals (f, 3, 3) at these, see `corner_normals`.
     """
 
     corners: Float[np.ndarray, "f 3 3"]
@@ -98,22 +102,15 @@ class SurfaceWorkspace(AbstractWorkspace):
 
         Raises MeshError when no point is.
         """
-        triangles = np.asarray(faces)[:, :3]
-        corners = np.asarray(rest)[triangles]
+        corners = np.asarray(rest)[np.asarray(faces)[:, :3]]
+        normals = corner_normals(rest, faces)
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         area = 0.5 * np.linalg.norm(across, axis=1)
-        smooth = np.zeros_like(np.asarray(rest))
-        for k in range(3):
-            np.add.at(smooth, triangles[:, k], across)
-        smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), np.finfo(float).tiny)
-        normals = smooth[triangles]
         # The same places whenever the same surface is looked at.
         random = np.random.default_rng(0)
         count = max(_CANDIDATES, int(_CANDIDATES * area.sum() / spacing**2))
         face = random.choice(len(area), count, p=area / area.sum())
-        share = random.dirichlet(np.ones(3), count)
-        points, facing = (np.einsum("nk,nki->ni", share, each[face]) for each in (corners, normals))
-        facing /= np.linalg.norm(facing, axis=1, keepdims=True)
+        points, facing = _weighed(random.dirichlet(np.ones(3), count), corners[face], normals[face])
         kept = within(points, facing)
         if not kept.any():
             raise MeshError("no part of the outer surface is in these ranges: widen them")
@@ -140,12 +137,64 @@ class SurfaceWorkspace(AbstractWorkspace):
 
     def landed(self, places):
         """The nearest points of the surface."""
-        found = nearest_on_triangles(places[:, 0], self.corners)
-        points, facing = (
-            np.einsum("nk,nki->ni", found.barycentric, each[found.triangle])
-            for each in (self.corners, self.normals)
-        )
-        return framed(points, facing / np.linalg.norm(facing, axis=1, keepdims=True))
+        return _nearest(places[:, 0], self.corners, self.normals)
+
+
+def nearest_places(
+    rest: Float[np.ndarray, "k 3"], faces: Int[np.ndarray, "f c"], points: Float[np.ndarray, "p 3"]
+) -> Float[np.ndarray, "p 3 3"]:
+    """The places (p, 3, 3) nearest to points (p, 3) m, of outward faces (f, 3 or 6) of nodes at `rest` (k, 3)
+    m.
+    """
+    corners = np.asarray(rest)[np.asarray(faces)[:, :3]]
+    return _nearest(np.asarray(points, float).reshape(-1, 3), corners, corner_normals(rest, faces))
+
+
+def corner_normals(
+    rest: Float[np.ndarray, "k 3"], faces: Int[np.ndarray, "f c"]
+) -> Float[np.ndarray, "f 3 3"]:
+    """Outward unit normals (f, 3, 3) at the corners of faces (f, 3 or 6) of nodes at `rest` (k, 3) m.
+
+    Each is the mean over the faces around, weighted by their angles there, which makes normals vary from face
+    to face as those of the smooth surface that they stand for do; over a crease, each side has its own.
+    """
+    triangles = np.asarray(faces)[:, :3].astype(np.int64)
+    corners = np.asarray(rest)[triangles]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    order = np.lexsort(edges.T)
+    same = np.all(edges[order][1:] == edges[order][:-1], axis=1)
+    pairs = np.stack([order[:-1][same], order[1:][same]]) // 3
+    smooth = np.sum(normal[pairs[0]] * normal[pairs[1]], axis=1) > _CREASE
+    joined = coo_array((np.ones(smooth.sum()), pairs[:, smooth]), shape=(len(triangles), len(triangles)))
+    _, group = connected_components(joined, directed=False)
+    towards = [np.roll(corners, -k, axis=1) - corners for k in (1, 2)]
+    cosine = np.sum(towards[0] * towards[1], axis=2) / np.prod(np.linalg.norm(towards, axis=3), axis=0)
+    angle = np.arccos(np.clip(cosine, -1, 1))
+    _, meeting = np.unique(triangles * len(triangles) + group[:, None], return_inverse=True)
+    total = np.zeros((meeting.max() + 1, 3))
+    np.add.at(total, meeting.ravel(), (angle[:, :, None] * normal[:, None]).reshape(-1, 3))
+    return _unit(total[meeting.reshape(-1, 3)])
+
+
+def _nearest(points: np.ndarray, corners: np.ndarray, normals: np.ndarray) -> Float[np.ndarray, "p 3 3"]:
+    found = nearest_on_triangles(points, corners)
+    return framed(*_weighed(found.barycentric, corners[found.triangle], normals[found.triangle]))
+
+
+def _weighed(
+    weights: Float[np.ndarray, "n 3"],
+    corners: Float[np.ndarray, "n 3 3"],
+    normals: Float[np.ndarray, "n 3 3"],
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Points (n, 3) m and unit normals (n, 3) at barycentric coordinates (n, 3) of triangles."""
+    points, across = (np.einsum("nk,nki->ni", weights, each) for each in (corners, normals))
+    return points, _unit(across)
+
+
+def _unit(vectors: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 3"]:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 def framed(points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
@@ -153,8 +202,7 @@ def framed(points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) 
     x, y, z which is most across the normal.
     """
     axis = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    u = axis - normals * np.sum(axis * normals, axis=1, keepdims=True)
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    u = _unit(axis - normals * np.sum(axis * normals, axis=1, keepdims=True))
     return np.stack([points, u, np.cross(normals, u)], axis=1)
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from softfuse.errors import SoftfuseError, SolveError
 from softfuse.functional.chart import facing
-from softfuse.functional.workspace import SurfaceWorkspace
+from softfuse.functional.workspace import nearest_places
 from softfuse.io.quantity import FORCE, LENGTH, PRESSURE, Dimension
 from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.load import AbstractContact, Loads
@@ -309,13 +309,7 @@ def _place(robot: Robot, contact: ContactSettings, at: str) -> Float[np.ndarray,
         coordinates = point if point.size == 2 else chart.coordinates(facing(point, _DOWN))
         return np.asarray(chart.place(jnp.asarray(coordinates)))
     rest = np.asarray(robot.model.body.rest)
-    surface = SurfaceWorkspace.over(rest, robot.parts.faces, _everywhere, np.inf)
-    return surface.landed(facing(point, _DOWN)[None])[0]
-
-
-def _everywhere(points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) -> np.ndarray:
-    del normals
-    return np.ones(len(points), bool)
+    return nearest_places(rest, robot.parts.faces, point)[0]
 
 
 def _numbers(at: str, names: Sequence[str], flat: bool) -> Float[np.ndarray, " d"]:

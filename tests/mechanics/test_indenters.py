@@ -11,11 +11,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from softfuse.body import LINEAR, QUADRATIC, Body, mesh_for
-from softfuse.functional.chart import facing
 from softfuse.functional.contact import ContactSurface
 from softfuse.functional.pressure_cells import even, flat_punch, strip, uniform
 from softfuse.functional.skin import Skin
-from softfuse.functional.workspace import SurfaceWorkspace
+from softfuse.functional.workspace import nearest_places
 from softfuse.material import NeoHookean
 from softfuse.mechanics import Loads, Newton, State, solve
 from softfuse.mechanics.dense import Dense
@@ -174,9 +173,7 @@ def test_a_flat_punch_on_a_dome_is_a_sphere_on_a_plane(block, dome) -> None:
 
 def test_a_dome_is_pressed_along_its_own_normal(dome) -> None:
     rest = np.asarray(dome.body.rest)
-    faces = np.asarray(dome.skin.faces)
-    surface = SurfaceWorkspace.over(rest, faces, lambda points, _: np.ones(len(points), bool), np.inf)
-    place = surface.landed(facing(np.array([[6e-3, 0.0, HEIGHT]]), DOWN))[0]
+    place = nearest_places(rest, np.asarray(dome.skin.faces), np.array([[6e-3, 0.0, HEIGHT]]))[0]
     inwards = -np.cross(place[1], place[2])
     np.testing.assert_allclose(inwards / -inwards[2], [-0.3, 0.0, -1.0], atol=0.05)
     load = SphereIndenter(dome.skin, even(), 4e-3, 3e-3).load(dome.body, jnp.asarray(place))

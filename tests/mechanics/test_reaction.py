@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from softfuse.body import QUADRATIC, Body, mesh_for
 from softfuse.errors import SolveError
 from softfuse.functional.cavity import Cavity
-from softfuse.functional.chart import facing
 from softfuse.functional.pressure_cells import even, flat_punch, uniform
 from softfuse.functional.skin import Skin
+from softfuse.functional.workspace import nearest_places
 from softfuse.material import NeoHookean
 from softfuse.mechanics import LinearPorts, Loads, Newton, PrescribedForce, State, solve
 from softfuse.mechanics.cable import PulledCable
@@ -89,12 +89,8 @@ def test_support_is_what_the_elements_pass_on(finger) -> None:
     body, void, faces = finger
     rest = np.asarray(body.rest)
     skin = Skin.of(faces, rest, 5e-3)
-    where = (
-        ([0.03, 0.006, 0.012], (0, 0, -1)),
-        ([0.02, 0.012, 0.006], (0, -1, 0)),
-        ([0.033, 0.006, 0.0], (0, 0, 1)),
-    )
-    places = [facing(np.array(point), direction) for point, direction in where]
+    points = np.array([[0.03, 0.006, 0.02], [0.02, 0.02, 0.006], [0.033, 0.006, -0.01]])
+    places = nearest_places(rest, faces, points)
     contacts = (
         FlatIndenter(skin, flat_punch((0.6, 1.0), (4, 8)), 3e-3),
         SphereIndenter(skin, even((0.4, 1.0), (4, 8)), 6e-3, 3e-3),
@@ -128,7 +124,7 @@ def test_support_carries_what_presses_on_held_nodes_too(finger) -> None:
     """A disc over the held end: half of its force never strains the body, and is held all the same."""
     body, _, faces = finger
     skin = Skin.of(faces, np.asarray(body.rest), 5e-3)
-    place = facing(np.array([0.004, 0.006, 0.012]), (0, 0, -1))
+    place = nearest_places(np.asarray(body.rest), faces, np.array([[0.004, 0.006, 0.02]]))[0]
     loads = Loads((FlatIndenter(skin, flat_punch((0.6, 1.0), (4, 8)), 3e-3).load(body, jnp.asarray(place)),))
     state = _solved(body, loads, [0.5])
     found = np.asarray(Reaction(jnp.zeros(3), jnp.eye(3)).value(body, loads, state))

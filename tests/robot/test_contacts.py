@@ -243,11 +243,13 @@ def test_what_does_not_go_together_is_told(build: Build, contact: str, told: str
 
 
 def test_presses_that_do_not_go_together_are_told(build: Build) -> None:
-    patch, punch = build(PATCH + ANYWHERE), build(PUNCH + FLAT)
+    patch, punch, anywhere = build(PATCH + ANYWHERE), build(PUNCH + FLAT), build(PUNCH + ANYWHERE)
     for robot, press, told in (
         (patch, Press(None, "0,0,12", depth_m=1e-3), '"thing" is not rigid and has no depth: give a force'),
         (punch, Press(None, "0,0,12", 0.1, (0.1, 0.0)), 'only one of model = "force" is pushed aside'),
         (punch, Press(None, "11,0", 0.1), "overhangs the surface"),
+        # Its normal there is the top's, not a mean of both sides of the edge.
+        (anywhere, Press(None, "11,0,12", 0.1), "overhangs the surface"),
     ):
         with pytest.raises(SoftfuseError, match=told):
             Trial.of(robot, [press])
