@@ -1,8 +1,7 @@
 """Which further press would tell most: the D-optimal one.
 
 A press that reads with slopes J (k, p) and covariance S (k, k) turns the parameters' covariance C into (C⁻¹ +
-Jᵀ S⁻¹ J)⁻¹ and gains ½ ln det(I + S⁻¹ J C Jᵀ), in nats. Source: Chaloner and Verdinelli, Stat. Sci. 10 (1995)
-273.
+Jᵀ S⁻¹ J)⁻¹ and gains ½ ln det(I + S⁻¹ J C Jᵀ), nats. Source: Chaloner, Verdinelli, Stat. Sci. 10 (1995) 273.
 """
 
 from dataclasses import dataclass

@@ -75,8 +75,7 @@ class SoughtPlaces:
         sigma_m: Float[np.ndarray, "c 2"],
         room_m: tuple[Float[np.ndarray, "c 2"], Float[np.ndarray, "c 2"]],
     ) -> PlacePrior:
-        """What is known of places before the readings, with standard deviations (c, 2) m along their
-        tangents as seen.
+        """What is known before the readings of places seen so surely, (c, 2) m along their tangents.
 
         Contacts that are held are where they are taken to be.
         """

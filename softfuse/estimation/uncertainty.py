@@ -57,8 +57,7 @@ def displacement_sigma(
     device: Model, state: State, places: Array | np.ndarray, covariance: Float[np.ndarray, "m m"]
 ) -> Float[np.ndarray, "k 3"]:
     """Standard deviations (k, 3) m of the nodes' displacements along x, y and z in a state, under contacts at
-    places (c, 3, 3), of a covariance (m, m) of its drives and then, if it is larger, of places along
-    their tangents.
+    places (c, 3, 3), of a covariance (m, m) of its drives and then, if larger, of places along tangents.
     """
     by_place = len(covariance) > len(state.drive)
     moved = np.asarray(_columns(device, state, jnp.asarray(places), by_place))

@@ -1,5 +1,4 @@
-"""A contact that no sensor sees: where readings say that something presses which nothing else explains, and
-whether it does.
+"""A contact that no sensor sees: whether and where readings say that something presses.
 
 A press with a small force F at a place p changes the readings by F w(p), w = ∂s/∂F of the robot as it is
 (`push_response`). Of readings y that nothing else explains, with errors of covariance L Lᵀ, the place where
@@ -173,8 +172,7 @@ class UnseenTouch:
     """Follows what readings alone tell of the contacts on a robot.
 
     Readings are compared with presses all over the surface that the first contact may be on which no sensor
-    sees, or the first with a workspace; their slopes are those of the estimator's body as it stands, kept
-    while it does.
+    sees, or the first with a workspace; slopes are those of the body as it stands, kept while it does.
     """
 
     def __init__(

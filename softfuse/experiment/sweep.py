@@ -259,8 +259,7 @@ class Chunk:
 
 
 def chunks_of(text: str, config: RobotSettings, plan: SweepPlan) -> list[Chunk]:
-    """The series of a plan in their order, put together until there are `cases_per_file` cases or more; text:
-    of the config.
+    """The series of a plan in their order, together until there are `cases_per_file`; text: of the config.
 
     Raises ConfigError when the plan does not suit the device.
     """

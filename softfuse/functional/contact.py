@@ -301,8 +301,7 @@ class Contact(eqx.Module):
         """Mean position x (3,) [m] of the patch and its mean tangents ∂x/∂s_1, ∂x/∂s_2 (3,) [-] at rest, and
         the rows of these nine numbers.
 
-        Means over the points that meet the body; the tangents' cross product is the patch's current normal,
-        into the body.
+        Means over points that meet the body; the tangents' cross product is the current normal, inwards.
         """
         on = self.landed(body)
         share = jnp.where(on.met, self.cells.share, 0.0)

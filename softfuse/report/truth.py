@@ -1,5 +1,4 @@
-"""The truth that a recording may hold about a robot: columns `true_<column of an estimate>`, and which frames
-count.
+"""The truth that a recording may hold: columns `true_<column of an estimate>`, and which frames count.
 
 A sample is a frame in which `sample` is positive, its number that of the level of force or depth; `press`
 counts presses. Where a contact truly is: `true_x_mm`, `true_y_mm`, perhaps `true_z_mm`, and `true_force_N`;

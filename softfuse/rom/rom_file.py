@@ -131,8 +131,7 @@ def kept_sizes(path: Path, mark: str) -> Sizes:
 def read_device(path: Path, mark: str, full: Model, sizes: Sizes) -> Kept:
     """The device of a file, in the given sizes, at least its own; what it shares is the `full` one's.
 
-    Raises SoftfuseError when there is none, it is damaged, or it was made from something else than `mark`
-    says.
+    Raises SoftfuseError when there is none, it is damaged, or made from something else than `mark` says.
     """
     assert isinstance(full.body, Body)
     arrays = _read(path, mark)

@@ -146,8 +146,7 @@ def presses(
     """Presses of one disc in a cell, with forces up to `largest` [N].
 
     Up to so many `levels` at the middles of `side` x `side` parts of the cell; at each level so many presses
-    `near`, spread evenly (Sobol's sequence, the same for the same `seed`) over the place's own part and half
-    a level.
+    `near`, spread evenly (Sobol's sequence of a `seed`) over the place's own part and half a level.
     """
     heights = largest * np.arange(1, levels + 1) / levels
     paths = []
