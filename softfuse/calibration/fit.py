@@ -20,6 +20,15 @@ from softfuse.calibration.presses import Adjustable, Answer, Presses
 from softfuse.calibration.robust import Discrepancy, Explained, Linear, Whitening, cost, explained
 from softfuse.errors import SoftfuseError
 
+_SETTLED = 0.02
+"""What a step must promise."""
+
+_SHORTENED = 4
+"""How often a step is tried."""
+
+_PARTS = (1e-4, 0.3)
+"""Discrepancies between which the likeliest is searched."""
+
 
 class AbstractPosterior(ABC):
     """p parameters with `names` and `measures`: `value` (p,), `covariance` (p, p) and `prior_sigma` (p,) in
@@ -46,14 +55,6 @@ class AbstractPosterior(ABC):
     def correlation(self) -> Float[np.ndarray, "p p"]:
         """Of the parameters (p, p)."""
         return self.covariance / np.outer(self.sigma, self.sigma)
-
-
-_SETTLED = 0.02
-"""What a step must promise."""
-_SHORTENED = 4
-"""How often a step is tried."""
-_PARTS = (1e-4, 0.3)
-"""Discrepancies between which the likeliest is searched."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,9 @@ from softfuse.calibration.fit import Fit
 from softfuse.calibration.presses import Answer
 from softfuse.estimation.model_error import ReadingSpread, missed
 
+_SIDE = 11
+"""Places in each direction."""
+
 
 def gain(
     fit: Fit, answer: Answer, noise: Float[np.ndarray, " k"], kind: Int[np.ndarray, " k"]
@@ -25,10 +28,6 @@ def gain(
     whitened = answer.slope / sigma[..., None]
     seen = np.einsum("skp,pq,slq->skl", whitened, fit.covariance, whitened)
     return 0.5 * np.linalg.slogdet(np.eye(seen.shape[1]) + seen)[1]
-
-
-_SIDE = 11
-"""Places in each direction."""
 
 
 @dataclass(frozen=True, eq=False)

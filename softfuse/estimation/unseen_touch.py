@@ -32,6 +32,12 @@ _CHANGED = 0.05
 _CLEARLY = 9.0
 """By how much χ² has to be less elsewhere for the search to begin anew there."""
 
+_SIDE = 13
+"""Places along each side of a workspace that are compared with readings."""
+
+_POSTURE_CHANGED = 0.05
+"""Part of an actuator's range by which it may move before patterns are computed anew."""
+
 
 def offsets(place: Float[np.ndarray, "3 3"], others: Float[np.ndarray, "s 3 3"]) -> Float[np.ndarray, "s 2"]:
     """How far others (s, 3, 3) are from a place (3, 3), along its tangents (s, 2) [m]."""
@@ -149,12 +155,6 @@ class TouchByReadings:
         if self._frames >= frames:
             self.touching, self._frames = not self.touching, 0
         return self.touching
-
-
-_SIDE = 13
-"""Places along each side of a workspace that are compared with readings."""
-_POSTURE_CHANGED = 0.05
-"""Part of an actuator's range by which it may move before patterns are computed anew."""
 
 
 class _Pattern(NamedTuple):

@@ -55,6 +55,9 @@ _WRITTEN: dict[Measure, Callable[[float, float], tuple[str, str]]] = {
 _OFF = 0.2
 """Readings of a press that count less than this part of what they would if they fitted are told."""
 
+Seen = Callable[[str], Callable[[], None]]
+"""Of some work by name, what is called after each part of it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Further:
@@ -294,10 +297,6 @@ def _next(further: Further) -> str:
 
 def _rms(values: Float[np.ndarray, " n"]) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-Seen = Callable[[str], Callable[[], None]]
-"""Of some work by name, what is called after each part of it."""
 
 
 def calibrated_robot(

@@ -22,6 +22,9 @@ from softfuse.experiment.accuracy import NOWHERE, Samples
 from softfuse.hardware.recording import Recording
 from softfuse.report.columns import Columns
 
+_FAR_M = 20e-3
+"""Further apart, one is missed and the other found where nothing presses."""
+
 
 @dataclass(frozen=True, eq=False)
 class Truth:
@@ -156,10 +159,6 @@ def _check_points(recording: Recording, columns: Columns, given: Mapping[str, np
 
 def _whole(values: np.ndarray, unknown: int) -> np.ndarray:
     return np.where(np.isfinite(values), values, unknown).astype(int)
-
-
-_FAR_M = 20e-3
-"""Further apart, one is missed and the other found where nothing presses."""
 
 
 @dataclass(frozen=True, eq=False)

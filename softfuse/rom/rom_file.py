@@ -39,6 +39,11 @@ from softfuse.rom.reduced_model import volume_readings
 _ROUNDS = 2
 """Times as many unknowns as modes, so that what no mode makes is averaged."""
 
+_Part = ProjectedVolumes | ProjectedGuides | ProjectedPatches | KnownInverses
+"""What has nothing but arrays."""
+
+_Kind = TypeVar("_Kind", ProjectedVolumes, ProjectedGuides, ProjectedPatches, KnownInverses)
+
 
 class Telling(NamedTuple):
     """Which `unknowns` (s,) of the full body, and the amplitudes `of_them` (r, s)."""
@@ -66,11 +71,6 @@ def telling_unknowns(modes: Float[np.ndarray, "u r"]) -> Int[np.ndarray, " s"]:
 def telling(modes: Float[np.ndarray, "u r"], unknowns: Int[np.ndarray, " s"]) -> Telling:
     """Amplitudes of modes from the unknowns (s,) that tell them apart."""
     return Telling(unknowns, np.linalg.pinv(modes[unknowns].astype(float)))
-
-
-_Part = ProjectedVolumes | ProjectedGuides | ProjectedPatches | KnownInverses
-"""What has nothing but arrays."""
-_Kind = TypeVar("_Kind", ProjectedVolumes, ProjectedGuides, ProjectedPatches, KnownInverses)
 
 
 class Sizes(NamedTuple):

@@ -28,6 +28,15 @@ _FAR = 0.01
 _SHRINKS = 0.15
 """A step that is longer than this part of the last one asks for a new factor."""
 
+_BEYOND = 1.15
+"""The part of a cell around each place is enlarged by so much for what is near, so that parts overlap."""
+
+_LEAST_STEP = 1 / 32
+"""Of the way from level to level."""
+
+LoadsAt = Callable[[AbstractBody, Array], Loads]
+"""The loads on a body at places (c, 3, 3)."""
+
 
 class Found(eqx.Module):
     """A state, the rough factor of a tangent near it, whether it is an equilibrium with no element inside
@@ -125,10 +134,6 @@ def follow(
     return Found(last.state, last.factor, converged, last.steps, last.factors)
 
 
-_BEYOND = 1.15
-"""The part of a cell around each place is enlarged by so much for what is near, so that parts overlap."""
-
-
 class LoadPath(NamedTuple):
     """Loads at a `place` (c, 3, 3), their drives raised from rest through `levels` (l, D); and at each level
     k other places (l, k, c, 3, 3) and drives (l, k, D), near enough for one Newton step.
@@ -206,13 +211,6 @@ def pushes(
 def _ones(count: int) -> Float[np.ndarray, "r k"]:
     """Each of so many alone, and all together."""
     return np.unique(np.concatenate([np.eye(count), np.ones((1, count))]), axis=0) if count else np.eye(0)
-
-
-_LEAST_STEP = 1 / 32
-"""Of the way from level to level."""
-
-LoadsAt = Callable[[AbstractBody, Array], Loads]
-"""The loads on a body at places (c, 3, 3)."""
 
 
 class Snapshots(NamedTuple):
