@@ -13,8 +13,7 @@ from softfuse.calibration.adjustment import Measure
 from softfuse.calibration.array_pose import PoseFit
 from softfuse.calibration.electrode_edits import Untouched, with_gains
 from softfuse.calibration.electrode_gains import GainFit
-from softfuse.calibration.fit import AbstractPosterior, Fit, fit
-from softfuse.calibration.next_press import gain
+from softfuse.calibration.fit import AbstractPosterior, Fit, fit, gain
 from softfuse.calibration.of_robot import (
     Fitted,
     adjustments_of_presses,
