@@ -111,8 +111,7 @@ class PoseFit(AbstractPosterior):
 
 
 def fit_pose(located: Located, prior: PosePrior, area_m: Float[np.ndarray, "a 2"]) -> PoseFit:
-    """The pose that presses tell; area (a, 2) m: places over which what is not known of it is averaged into
-    the factor.
+    """The pose that presses tell; area (a, 2) m: where what is not known of it is averaged for the factor.
 
     Raises SoftfuseError when nothing explains the presses.
     """

@@ -130,7 +130,7 @@ class Discrepancy:
     and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
 
     `part` δ [-] of a reading, `alike` ρ [-] in a press: 0.9 to 0.95 make the nominal recording of the
-    reference pad likeliest, as do floors of 0.03 to 0.05 in `missed`.
+    reference block likeliest, as do floors of 0.03 to 0.05 in `missed`.
     """
 
     part: float

@@ -21,6 +21,13 @@ from softfuse.errors import SolveError
 
 T = TypeVar("T")
 
+_AXIS = "batch"
+Shared = TypeVar("Shared")
+
+One = TypeVar("One")
+
+Found = TypeVar("Found")
+
 
 def cores() -> int:
     """How many cores this process may use."""
@@ -43,12 +50,6 @@ def shared_out(one: Callable[..., T], *many: Iterable) -> Iterator[T]:
 def side_by_side(one: Callable[..., tuple[np.ndarray, ...]], *many: np.ndarray) -> tuple[np.ndarray, ...]:
     """What `one` finds for each of many, shared out over the cores, one after the other stacked."""
     return tuple(np.array(each) for each in zip(*shared_out(one, *many), strict=True))
-
-
-_AXIS = "batch"
-Shared = TypeVar("Shared")
-One = TypeVar("One")
-Found = TypeVar("Found")
 
 
 def batched(

@@ -32,6 +32,17 @@ from jaxtyping import Array
 Packed = dict[str, Array]
 """Vectors of all leaves of a tree that share a type of number, by its name."""
 
+PACKAGE = "softfuse"
+log = logging.getLogger(__name__)
+
+_LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "jaxopt", "lineax", "optimistix")
+"""Whose code takes part in tracing."""
+
+_QUICKLY: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
+"""XLA's older way of fusing loops; a full body's step and the senses are no slower for it."""
+
+_HASH = hashlib.sha256().digest_size
+
 
 @dataclass(frozen=True, eq=False)
 class Packing:
@@ -83,9 +94,6 @@ class Packing:
         """The tree that was packed."""
         leaves = [packed[kind][start:end].reshape(shape) for kind, start, end, shape, _ in self._places]
         return self._structure.unflatten(leaves)
-
-
-PACKAGE = "softfuse"
 
 
 def outline(tree: Any) -> Any:
@@ -174,15 +182,6 @@ def _holding(kind: type, held: dict[str, Any]) -> Any:
     for name, value in held.items():
         object.__setattr__(made, name, value)
     return made
-
-
-log = logging.getLogger(__name__)
-
-_LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "jaxopt", "lineax", "optimistix")
-"""Whose code takes part in tracing."""
-_QUICKLY: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
-"""XLA's older way of fusing loops; a full body's step and the senses are no slower for it."""
-_HASH = hashlib.sha256().digest_size
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,6 +12,17 @@ from jaxtyping import Bool, Float, Int
 
 from softfuse.errors import SoftfuseError
 
+_ARRAYS = ("x_m", "y_m", "by_parameters")
+
+FLOOR = 0.03
+"""A reading that is smaller than this part of the largest one is missed as if it were that large."""
+
+_LARGEST_RATIO = 2.0
+"""Beyond so many times the strokes that it was learned at, the offset is not extrapolated [-]."""
+
+_LEAST_STROKE_M = 1e-5
+"""Strokes of a smaller norm are none: what is left of them is rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class ReadingSpread:
@@ -51,9 +62,6 @@ def _between(grid: Float[np.ndarray, " g"], at: Float[np.ndarray, " c"]) -> tupl
     return k, (inside - grid[k]) / (grid[k + 1] - grid[k])
 
 
-_ARRAYS = ("x_m", "y_m", "by_parameters")
-
-
 def write_spread(path: Path, spread: ReadingSpread, **others: np.ndarray) -> None:
     """Write a spread, and arrays that it comes from, as a file of arrays (.npz)."""
     with path.open("wb") as stream:
@@ -77,10 +85,6 @@ def read_spread(path: Path, readings: int) -> ReadingSpread:
     if not (shaped and whole and min(len(x), len(y)) >= 2):
         raise SoftfuseError(f"{path}: no spread of {readings} readings over a grid: calibrate again")
     return ReadingSpread(x, y, by_parameters)
-
-
-FLOOR = 0.03
-"""A reading that is smaller than this part of the largest one is missed as if it were that large."""
 
 
 def missed(
@@ -157,12 +161,6 @@ def whitening(
     on = np.ix_(valid, valid)
     inverse[on] = np.linalg.inv(np.linalg.cholesky(covariance[on]))
     return inverse
-
-
-_LARGEST_RATIO = 2.0
-"""Beyond so many times the strokes that it was learned at, the offset is not extrapolated [-]."""
-_LEAST_STROKE_M = 1e-5
-"""Strokes of a smaller norm are none: what is left of them is rounding."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,9 @@ from softfuse.functional.workspace import AbstractWorkspace
 _REACH_M = 3e-3
 """How far a step moves a place at most: what depends on it is taken to be linear so far."""
 
+_OPEN = 0.1
+"""Share of presses elsewhere from which on a place is one of several."""
+
 
 @dataclass(frozen=True, eq=False)
 class SoughtPlaces:
@@ -75,8 +78,7 @@ class SoughtPlaces:
         sigma_m: Float[np.ndarray, "c 2"],
         room_m: tuple[Float[np.ndarray, "c 2"], Float[np.ndarray, "c 2"]],
     ) -> PlacePrior:
-        """What is known of places before the readings, with standard deviations (c, 2) m along their
-        tangents as seen.
+        """What is known before the readings of places seen so surely, (c, 2) m along their tangents.
 
         Contacts that are held are where they are taken to be.
         """
@@ -89,10 +91,6 @@ class SoughtPlaces:
     def found(self, offset_m: Float[np.ndarray, "c 2"]) -> "SoughtPlaces":
         """With offsets (c, 2) m that a step has found."""
         return replace(self, offset_m=np.where(self.free[:, None], offset_m, self.offset_m))
-
-
-_OPEN = 0.1
-"""Share of presses elsewhere from which on a place is one of several."""
 
 
 @dataclass(frozen=True, eq=False)

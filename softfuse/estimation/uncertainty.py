@@ -33,6 +33,9 @@ from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.newton import tangent_at
 from softfuse.mechanics.solution import RESULTS, State
 
+_PER = np.array([1.0, 1e3, 1e3])
+"""Force in N, places in mm."""
+
 
 def posterior_covariance(found: Estimate, limits: Limits) -> Float[np.ndarray, "DP DP"]:
     """Covariance (D + P, D + P) of the drives of an estimate and of the numbers η of places that were not
@@ -57,8 +60,7 @@ def displacement_sigma(
     device: Model, state: State, places: Array | np.ndarray, covariance: Float[np.ndarray, "m m"]
 ) -> Float[np.ndarray, "k 3"]:
     """Standard deviations (k, 3) m of the nodes' displacements along x, y and z in a state, under contacts at
-    places (c, 3, 3), of a covariance (m, m) of its drives and then, if it is larger, of places along
-    their tangents.
+    places (c, 3, 3), of a covariance (m, m) of its drives and then, if larger, of places along tangents.
     """
     by_place = len(covariance) > len(state.drive)
     moved = np.asarray(_columns(device, state, jnp.asarray(places), by_place))
@@ -72,10 +74,6 @@ def _columns(device: Model, state: State, places: Array, by_place: bool) -> Floa
     inverse = tangent_at(device.linear, device.body, device.loads(places), state)
     moving = motion(device, inverse, state, places, by_place=by_place, refinements=0)
     return jax.vmap(device.body.displacement, 1)(moving.dz)
-
-
-_PER = np.array([1.0, 1e3, 1e3])
-"""Force in N, places in mm."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,4 @@
-"""A contact that no sensor sees: where readings say that something presses which nothing else explains, and
-whether it does.
+"""A contact that no sensor sees: whether and where readings say that something presses.
 
 A press with a small force F at a place p changes the readings by F w(p), w = ∂s/∂F of the robot as it is
 (`push_response`). Of readings y that nothing else explains, with errors of covariance L Lᵀ, the place where
@@ -32,6 +31,12 @@ _CHANGED = 0.05
 """Part of a reading by which the pattern of a small force may be off that of a large one."""
 _CLEARLY = 9.0
 """By how much χ² has to be less elsewhere for the search to begin anew there."""
+
+_SIDE = 13
+"""Places along each side of a workspace that are compared with readings."""
+
+_POSTURE_CHANGED = 0.05
+"""Part of an actuator's range by which it may move before patterns are computed anew."""
 
 
 def offsets(place: Float[np.ndarray, "3 3"], others: Float[np.ndarray, "s 3 3"]) -> Float[np.ndarray, "s 2"]:
@@ -152,12 +157,6 @@ class TouchByReadings:
         return self.touching
 
 
-_SIDE = 13
-"""Places along each side of a workspace that are compared with readings."""
-_POSTURE_CHANGED = 0.05
-"""Part of an actuator's range by which it may move before patterns are computed anew."""
-
-
 class _Pattern(NamedTuple):
     """Where presses of the contact `slot` are looked for: places (s, 3, 3), `pitch_m` (2,) apart, and
     readings per newton there (s, k) of the robot at rest.
@@ -173,8 +172,7 @@ class UnseenTouch:
     """Follows what readings alone tell of the contacts on a robot.
 
     Readings are compared with presses all over the surface that the first contact may be on which no sensor
-    sees, or the first with a workspace; their slopes are those of the estimator's body as it stands, kept
-    while it does.
+    sees, or the first with a workspace; slopes are those of the body as it stands, kept while it does.
     """
 
     def __init__(

@@ -20,6 +20,12 @@ WORKSPACE_CIRCLE_M = 28e-3
 NINETY = 1.645
 """Standard deviations to each side that hold 90 % of a normal distribution."""
 
+NOWHERE = -1
+"""The electrode of a contact that is none."""
+
+PULLED_M = 1e-3
+"""A cable that is shorter by more counts as pulled [m]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Samples:
@@ -115,10 +121,6 @@ def scaled(groups: dict[str, Spread], factor: float) -> dict[str, Spread]:
     return {name: each.scaled(factor) for name, each in groups.items()}
 
 
-NOWHERE = -1
-"""The electrode of a contact that is none."""
-
-
 @dataclass(frozen=True, eq=False)
 class ContactSamples:
     """Estimates and truth of contacts at electrodes at the instants that count, with c estimated and t true
@@ -182,10 +184,6 @@ def largest_force(force_N: Float[np.ndarray, " n"], where: Bool[np.ndarray, " n"
     """
     known = force_N[where & np.isfinite(force_N)]
     return float(known.max()) if known.size else float("nan")
-
-
-PULLED_M = 1e-3
-"""A cable that is shorter by more counts as pulled [m]."""
 
 
 @dataclass(frozen=True, eq=False)

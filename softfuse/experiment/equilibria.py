@@ -83,8 +83,7 @@ class RobotSolver:
         return [Carried.of(parts.body, sensor.points(parts)) for sensor in self._seeing]
 
     def poses(self, episode: Episode, *, solved: Callable[[], None] | None = None) -> Arrays:
-        """The n equilibria of an episode, in order: rest, the actuators' way, contacts at their gaps, the
-        forces.
+        """The n equilibria of an episode in order: rest, actuators' way, contacts at their gaps, forces.
 
         Arrays, c slots of contacts, a drives of actuators: `reading` (n, k) SI; `signal <sensor>` (n, e),
         what those that see contacts say; `force` (n, c) N; `gap` (n, c) m, below 0 by how deep it is pressed

@@ -37,6 +37,12 @@ from softfuse.sensors.electronics import ChannelElectronics, equal_channels, sid
 _ROUNDING = 1e-6
 """Rows by which a time may be off."""
 
+_COMMANDED_STEP = 1e-6
+"""Step in which commands are told, in the units of their columns."""
+
+_SHOWN = 4
+"""Episodes of a virtual device."""
+
 
 @dataclass(frozen=True, eq=False)
 class Programme:
@@ -89,13 +95,6 @@ class Programme:
         before = np.floor(row).astype(np.int64)
         count = len(self.readings)
         return before % count, (before + 1) % count, row - before
-
-
-_COMMANDED_STEP = 1e-6
-"""Step in which commands are told, in the units of their columns."""
-
-_SHOWN = 4
-"""Episodes of a virtual device."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,6 +45,18 @@ if TYPE_CHECKING:
 OVERHANGS = "overhangs"
 """The result of a case in which a disc does not stand on the body with all of its face: nothing is solved."""
 
+Value = float | int | str | None
+"""None: not known, or not of this case."""
+
+_building = Lock()
+"""A worker may have several threads; they share one device."""
+
+log = logging.getLogger(__name__)
+
+_NAME = "sweep.json"
+
+_MARK = b"softfuse.sweep"
+
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
@@ -117,10 +129,6 @@ def _rest(device: Model, places: Array) -> State:
 def _measured(device: Model, places: Array, state: State) -> tuple[Float[Array, " k"], Float[Array, ""]]:
     moved = jnp.linalg.norm(device.body.displacement(state.z), axis=1)
     return device.reading(state, places), jnp.max(moved)
-
-
-Value = float | int | str | None
-"""None: not known, or not of this case."""
 
 
 @dataclass(frozen=True)
@@ -259,8 +267,7 @@ class Chunk:
 
 
 def chunks_of(text: str, config: RobotSettings, plan: SweepPlan) -> list[Chunk]:
-    """The series of a plan in their order, put together until there are `cases_per_file` cases or more; text:
-    of the config.
+    """The series of a plan in their order, together until there are `cases_per_file`; text: of the config.
 
     Raises ConfigError when the plan does not suit the device.
     """
@@ -296,22 +303,12 @@ def solve_chunk(chunk: Chunk) -> list[list[Value]]:
     return rows
 
 
-_building = Lock()
-"""A worker may have several threads; they share one device."""
-
-
 @lru_cache(maxsize=1)
 def _device(pressed: Pressed) -> tuple[RobotSettings, Model]:
     config = parse(pressed.text, Path(pressed.path))
     if digest(config) != pressed.digest:
         raise SoftfuseError(f"{pressed.path}: a worker finds other files than here: share the folder")
     return config, swept_model(build_robot(config), pressed.shortened)
-
-
-log = logging.getLogger(__name__)
-
-_NAME = "sweep.json"
-_MARK = b"softfuse.sweep"
 
 
 class SweepFolder:

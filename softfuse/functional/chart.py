@@ -59,8 +59,7 @@ def nearest(
 
 class FlatChart(eqx.Module):
     """Distances [m] from `origin` (3,) along unit vectors `axes` (2, 3) at right angles to each other and to
-    the unit vector `direction` (3,), in which contacts press: a flat face, or what is seen along one
-    direction.
+    the unit vector `direction` (3,), in which contacts press: a flat face, or what is seen along it.
     """
 
     origin: Float[Array, "3"]

@@ -26,6 +26,9 @@ from softfuse.material.base import constant
 # In mean sizes of a face. On a regular mesh squares of twice the width have twice as many faces near.
 _WIDTH, _MARGIN = 0.125, 0.25
 
+_GRAZING = 0.1  # cosine below which a face is seen edge-on
+_NOWHERE = 1.0  # m: the gap under a cell that no part of the surface is under
+
 
 class AbstractFaceSearch(eqx.Module):
     """Names those of a surface's f faces that points of the plane across its direction may lie over.
@@ -118,10 +121,6 @@ def _by_square(near: list[Int[np.ndarray, " n"]], squares: int) -> Int[np.ndarra
     count = np.bincount(square, minlength=squares)
     own = np.minimum(np.arange(count.max()), np.maximum(count - 1, 0)[:, None])
     return face[np.minimum((np.cumsum(count) - count)[:, None] + own, len(face) - 1)]
-
-
-_GRAZING = 0.1  # cosine below which a face is seen edge-on
-_NOWHERE = 1.0  # m: the gap under a cell that no part of the surface is under
 
 
 class Landed(eqx.Module):
@@ -306,8 +305,7 @@ class Contact(eqx.Module):
         """Mean position x (3,) [m] of the patch and its mean tangents ∂x/∂s_1, ∂x/∂s_2 (3,) [-] at rest, and
         the rows of these nine numbers.
 
-        Means over the points that meet the body; the tangents' cross product is the patch's current normal,
-        into the body.
+        Means over points that meet the body; the tangents' cross product is the current normal, inwards.
         """
         on = self.landed(body)
         share = jnp.where(on.met, self.cells.share, 0.0)

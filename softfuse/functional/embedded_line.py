@@ -20,6 +20,8 @@ from softfuse.functional.material_points import MaterialPoints
 
 _SAME = 1e-9  # of a piece: elements whose common part of it is shorter only touch it
 
+_GAUSS = np.polynomial.legendre.leggauss(3)
+
 
 @dataclass(frozen=True, eq=False)
 class Polyline:
@@ -73,9 +75,6 @@ class Polyline:
             breaks[-1] = 1.0
             found.append(self.arc[k] + breaks * (self.arc[k + 1] - self.arc[k]))
         return found
-
-
-_GAUSS = np.polynomial.legendre.leggauss(3)
 
 
 class EmbeddedLine(MaterialFunctional):

@@ -1,7 +1,8 @@
-"""The body's surface as something to press on anywhere, at places with a frame of their own.
+"""The body's surface as something to press on anywhere.
 
-A place is (3, 3), see `functional.chart`; what lands along its direction is sought among the faces near it:
-with a direction that varies, no table can name them beforehand.
+A place is (3, 3), see `functional.chart`: a point of the surface [m], and unit tangents u, v there, whose
+cross product is the outward normal; d = −u × v points into the body. What lands along d is sought among the
+faces near the place: with a direction that varies, no table can name them beforehand.
 """
 
 import equinox as eqx

@@ -13,8 +13,7 @@ from softfuse.calibration.adjustment import Measure
 from softfuse.calibration.array_pose import PoseFit
 from softfuse.calibration.electrode_edits import Untouched, with_gains
 from softfuse.calibration.electrode_gains import GainFit
-from softfuse.calibration.fit import AbstractPosterior, Fit, fit
-from softfuse.calibration.next_press import gain
+from softfuse.calibration.fit import AbstractPosterior, Fit, fit, gain
 from softfuse.calibration.of_robot import (
     Fitted,
     adjustments_of_presses,
@@ -54,6 +53,9 @@ _WRITTEN: dict[Measure, Callable[[float, float], tuple[str, str]]] = {
 
 _OFF = 0.2
 """Readings of a press that count less than this part of what they would if they fitted are told."""
+
+Seen = Callable[[str], Callable[[], None]]
+"""Of some work by name, what is called after each part of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -294,10 +296,6 @@ def _next(further: Further) -> str:
 
 def _rms(values: Float[np.ndarray, " n"]) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-Seen = Callable[[str], Callable[[], None]]
-"""Of some work by name, what is called after each part of it."""
 
 
 def calibrated_robot(

@@ -12,8 +12,7 @@ from jaxtyping import Bool, Float
 from softfuse.calibration.array_pose import Located, PoseFit, fit_pose
 from softfuse.calibration.electrode_edits import Untouched, baseline_edits, gain_edits, untouched
 from softfuse.calibration.electrode_gains import GainFit, LineSignals, fit_gains
-from softfuse.calibration.fit import Fit
-from softfuse.calibration.next_press import Grid
+from softfuse.calibration.fit import Fit, Grid
 from softfuse.calibration.of_robot import Fitted, build_pose_prior, pose_edits
 from softfuse.calibration.presses import Answer, Applied
 from softfuse.estimation.model_error import missed, write_spread

@@ -36,6 +36,14 @@ if TYPE_CHECKING:
 UNKNOWN = "–"
 """Stands where a figure is not known."""
 
+_ABOUT = (
+    f"<p>Paper: Navarro et al., RA-L 5(4), 2020, on their own device; {UNKNOWN} where its figure is not at "
+    "hand. The others: this robot, on a virtual test bed.</p>"
+)
+
+EVERY = 10
+"""Frames from one estimate to the next: ten estimates a second, which a full body manages live."""
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
@@ -93,12 +101,6 @@ class Comparison:
         rows = [[cell.replace(UNKNOWN, "") for cell in row] for row in self.rows]
         csv.writer(text, lineterminator="\n").writerows([self.head, *rows])
         return text.getvalue()
-
-
-_ABOUT = (
-    f"<p>Paper: Navarro et al., RA-L 5(4), 2020, on their own device; {UNKNOWN} where its figure is not at "
-    "hand. The others: this robot, on a virtual test bed.</p>"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,10 +164,6 @@ def write_evaluation(
         everything = [("About", _ABOUT), *parts, *evaluation.sections, *sections, ("Figures", figures)]
         written[0].write_text(page(title, everything), encoding="utf-8")
     return written
-
-
-EVERY = 10
-"""Frames from one estimate to the next: ten estimates a second, which a full body manages live."""
 
 
 def record(bed: Bed, folder: Path, *, solved: Callable[[], None]) -> list[Path]:

@@ -50,6 +50,9 @@ FIG_11: Mapping[str, tuple[Thing, ...]] = {
 }
 """What the paper shows: near, light and firm, what does not conduct, and two at once."""
 
+_SAMPLES = [each.name for each in fields(Samples)]
+_PARTS: Mapping[str, type] = {"shape": ShapeSamples, "contact": ContactSamples, "largest": Shape}
+
 
 def image_of(bed: MutualBed, things: Sequence[Thing], rest_s: float = 1.0) -> Float[np.ndarray, "c r"]:
     """Counts (c, r) under some things above their mean in a rest of rest_s [s] before, at 100 Hz."""
@@ -95,9 +98,6 @@ def signed_images(
     every[0].set_ylabel("y [mm]")
     figure.colorbar(shown, ax=list(every), label="change [counts]", shrink=0.8)
     return figure
-
-
-_SAMPLES = [each.name for each in fields(Samples)]
 
 
 def _of_presses(study: Study) -> Arrays:
@@ -206,9 +206,6 @@ class Pushed:
             return kind(**{each.name: arrays[f"{name}.{each.name}"] for each in fields(kind)})
 
         return cls(**{name: part(name, kind) for name, kind in _PARTS.items()}, depth_m=arrays["depth_m"])
-
-
-_PARTS: Mapping[str, type] = {"shape": ShapeSamples, "contact": ContactSamples, "largest": Shape}
 
 
 def _of_pushes(study: Study) -> Arrays:

@@ -23,7 +23,7 @@ from softfuse.report.sections import sections
 from softfuse.report.study import ErrorTable, Study, contact_errors, known_number
 from softfuse.sensors.status import Status
 
-_TIME = Column("time_s", 4)
+_TIME, _LATENCY = Column("time_s", 4), Column("latency_ms", 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,9 +136,6 @@ def _of(samples: Samples, frames: Sequence[Smoothed], at: Int[np.ndarray, " s"])
         force_N=np.array([frames[i].force_N for i in at]),
         force_sigma_N=np.array([frames[i].force_sigma_N for i in at]),
     )
-
-
-_TIME, _LATENCY = Column("time_s", 4), Column("latency_ms", 2)
 
 
 class EstimateRows:

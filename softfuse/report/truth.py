@@ -1,5 +1,4 @@
-"""The truth that a recording may hold about a robot: columns `true_<column of an estimate>`, and which frames
-count.
+"""The truth that a recording may hold: columns `true_<column of an estimate>`, and which frames count.
 
 A sample is a frame in which `sample` is positive, its number that of the level of force or depth; `press`
 counts presses. Where a contact truly is: `true_x_mm`, `true_y_mm`, perhaps `true_z_mm`, and `true_force_N`;
@@ -22,6 +21,9 @@ from softfuse.estimation.tracked import Tracked
 from softfuse.experiment.accuracy import NOWHERE, Samples
 from softfuse.hardware.recording import Recording
 from softfuse.report.columns import Columns
+
+_FAR_M = 20e-3
+"""Further apart, one is missed and the other found where nothing presses."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,10 +159,6 @@ def _check_points(recording: Recording, columns: Columns, given: Mapping[str, np
 
 def _whole(values: np.ndarray, unknown: int) -> np.ndarray:
     return np.where(np.isfinite(values), values, unknown).astype(int)
-
-
-_FAR_M = 20e-3
-"""Further apart, one is missed and the other found where nothing presses."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,4 @@
-"""Which modes a reduced body needs: those that its snapshots are combinations of, displacements and pressures
-apart.
+"""The modes that a reduced body needs: what its snapshots combine, displacements and pressures apart.
 
 States near many equilibria span what loads between the trained places do as well, so that the proper modes of
 all of them need no others beside them: a fifth fewer modes than the body's responses at rest to all forces of

@@ -15,6 +15,13 @@ from softfuse.functional.contact import Contact
 _MARGIN = 0.05
 """Of a cell: how far a place may leave it before another one is looked for."""
 
+_SIDE = 21
+"""Places along each edge of a cell. They find faces whose edge crosses what a point of the disc passes over,
+and those that hold one of its corners."""
+
+_INSIDE = 1e-3
+"""So far inside a face, as a part of the way to its middle, its corners are tried."""
+
 
 class Cell(NamedTuple):
     """Where a disc's middle may be, within `half` (2,) m of `centre` (3,) m; it presses along `direction`."""
@@ -138,13 +145,6 @@ class Cells(AbstractRegions):
 def pairs(steps: Float[np.ndarray, " k"]) -> Float[np.ndarray, "kk 2"]:
     """All pairs (k k, 2) of some numbers (k,)."""
     return np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
-
-
-_SIDE = 21
-"""Places along each edge of a cell. They find faces whose edge crosses what a point of the disc passes over,
-and those that hold one of its corners."""
-_INSIDE = 1e-3
-"""So far inside a face, as a part of the way to its middle, its corners are tried."""
 
 
 def places_over(cell: Cell, disc: Contact, rest: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "s 3 3"]:

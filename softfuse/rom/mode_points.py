@@ -27,6 +27,8 @@ from softfuse.rom.basis import Basis
 _Components = tuple[Float[Array, " k"], ...]
 """The nine components of a tensor at the points, row by row."""
 
+_AT_ONCE = 1000  # points
+
 
 class _Moduli(NamedTuple):
     """Second derivatives of the points' energies in their strains."""
@@ -184,9 +186,6 @@ def _deformation(h: _Components) -> Tensor:
     one = jnp.ones((), h[0].dtype)
     a, b, c, d, e, f, g, h_, i = h
     return (a + one, b, c), (d, e + one, f), (g, h_, i + one)
-
-
-_AT_ONCE = 1000  # points
 
 
 def mode_points(

@@ -37,6 +37,11 @@ from softfuse.rom.reduced_model import volume_readings
 _ROUNDS = 2
 """Times as many unknowns as modes, so that what no mode makes is averaged."""
 
+_Part = ProjectedVolumes | ProjectedGuides | ProjectedPatches | KnownInverses
+"""What has nothing but arrays."""
+
+_Kind = TypeVar("_Kind", ProjectedVolumes, ProjectedGuides, ProjectedPatches, KnownInverses)
+
 
 class Telling(NamedTuple):
     """Which `unknowns` (s,) of the full body, and the amplitudes `of_them` (r, s)."""
@@ -64,11 +69,6 @@ def telling_unknowns(modes: Float[np.ndarray, "u r"]) -> Int[np.ndarray, " s"]:
 def telling(modes: Float[np.ndarray, "u r"], unknowns: Int[np.ndarray, " s"]) -> Telling:
     """Amplitudes of modes from the unknowns (s,) that tell them apart."""
     return Telling(unknowns, np.linalg.pinv(modes[unknowns].astype(float)))
-
-
-_Part = ProjectedVolumes | ProjectedGuides | ProjectedPatches | KnownInverses
-"""What has nothing but arrays."""
-_Kind = TypeVar("_Kind", ProjectedVolumes, ProjectedGuides, ProjectedPatches, KnownInverses)
 
 
 class Sizes(NamedTuple):
@@ -127,8 +127,7 @@ def kept_sizes(path: Path, mark: str) -> Sizes:
 def read_device(path: Path, mark: str, full: Model, sizes: Sizes) -> Kept:
     """The device of a file, in the given sizes, at least its own; what it shares is the `full` one's.
 
-    Raises SoftfuseError when there is none, it is damaged, or it was made from something else than `mark`
-    says.
+    Raises SoftfuseError when there is none, it is damaged, or made from something else than `mark` says.
     """
     arrays, whole = _read(path, mark), full.body.full
     body = body_of(whole, arrays, sizes.points, sizes.watched)

@@ -24,6 +24,9 @@ from softfuse.rom.mode_points import ModePoints, Work
 _RIDGE = 1e-13
 """Added to the parts' products with each other, of their mean square."""
 
+_COMBINATIONS = 4
+"""Of the modes, asked for in each state."""
+
 
 class Cubature(NamedTuple):
     """Parts (k,) that are evaluated, their weights (k,) > 0 [-], and the error left, relative to the sums."""
@@ -121,10 +124,6 @@ def _nonnegative(
         at, weights = at[kept], weights[kept]
         if not len(at):
             return at, weights
-
-
-_COMBINATIONS = 4
-"""Of the modes, asked for in each state."""
 
 
 class Sampling(NamedTuple):

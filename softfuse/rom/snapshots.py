@@ -28,6 +28,15 @@ _FAR = 0.01
 _SHRINKS = 0.15
 """A step that is longer than this part of the last one asks for a new factor."""
 
+_BEYOND = 1.15
+"""The part of a cell around each place is enlarged by so much for what is near, so that parts overlap."""
+
+_LEAST_STEP = 1 / 32
+"""Of the way from level to level."""
+
+LoadsAt = Callable[[AbstractBody, Array], Loads]
+"""The loads on a body at places (c, 3, 3)."""
+
 
 class Found(eqx.Module):
     """A state, the rough factor of a tangent near it, whether it is an equilibrium with no element inside
@@ -125,10 +134,6 @@ def follow(
     return Found(last.state, last.factor, converged, last.steps, last.factors)
 
 
-_BEYOND = 1.15
-"""The part of a cell around each place is enlarged by so much for what is near, so that parts overlap."""
-
-
 class LoadPath(NamedTuple):
     """Loads at a `place` (c, 3, 3), their drives raised from rest through `levels` (l, D); and at each level
     k other places (l, k, c, 3, 3) and drives (l, k, D), near enough for one Newton step.
@@ -146,8 +151,7 @@ def presses(
     """Presses of one disc in a cell, with forces up to `largest` [N].
 
     Up to so many `levels` at the middles of `side` x `side` parts of the cell; at each level so many presses
-    `near`, spread evenly (Sobol's sequence, the same for the same `seed`) over the place's own part and half
-    a level.
+    `near`, spread evenly (Sobol's sequence of a `seed`) over the place's own part and half a level.
     """
     heights = largest * np.arange(1, levels + 1) / levels
     paths = []
@@ -209,13 +213,6 @@ def _ones(count: int) -> Float[np.ndarray, "r k"]:
     return np.unique(np.concatenate([np.eye(count), np.ones((1, count))]), axis=0) if count else np.eye(0)
 
 
-_LEAST_STEP = 1 / 32
-"""Of the way from level to level."""
-
-LoadsAt = Callable[[AbstractBody, Array], Loads]
-"""The loads on a body at places (c, 3, 3)."""
-
-
 class Snapshots(NamedTuple):
     """Unknowns (p, l, 1 + k, n) at each level of each load path: the equilibrium, then what is near it; and
     which were found (p, l, 1 + k). What was not is the last that was.
@@ -237,92 +234,76 @@ def snapshots(
 
     Steps between levels are halved where they are too large; a path is left where that does not help.
     """
-    each = [_along(linear, body, loads_at, path) for path in paths]
-    z, found = zip(*each, strict=True)
+    follower = _Follower(linear, body, loads_at)
+    z, found = zip(*(follower.along(path) for path in paths), strict=True)
     return Snapshots(np.stack(z), np.stack(found))
 
 
-def _along(
-    linear: AbstractLinearSolver, body: AbstractBody, loads_at: LoadsAt, path: LoadPath
-) -> tuple[Float[np.ndarray, "l k_plus_1 n"], Bool[np.ndarray, "l k_plus_1"]]:
-    state, factor = _begin(loads_at, linear, body, path.place)
-    z, found, alive, step = [], [], True, 1.0
-    for level, places, drives in zip(path.levels, path.near_places, path.near_drives, strict=True):
-        if alive:
-            reached = _reach(loads_at, linear, body, path.place, level, state, factor, step)
-            state, factor, step = reached
-            alive = step > 0
-        around, settled = np.tile(np.asarray(state.z), (len(drives), 1)), np.zeros(len(drives), bool)
-        if alive and len(drives):
-            near = _near(loads_at, linear, body, places, jnp.asarray(drives, float), state, factor)
-            around, settled = (np.asarray(part) for part in near)
-        z.append(np.concatenate([np.asarray(state.z)[None], around]))
-        found.append(np.append(alive, settled))
-    return np.stack(z), np.stack(found)
+class _Follower(eqx.Module):
+    """Follows a body along load paths."""
 
+    linear: AbstractLinearSolver
+    body: AbstractBody
+    loads_at: LoadsAt
 
-def _reach(
-    loads_at: LoadsAt,
-    linear: AbstractLinearSolver,
-    body: AbstractBody,
-    place: Array,
-    level: Float[np.ndarray, " D"],
-    state: State,
-    factor: PyTree[Array],
-    step: float,
-) -> tuple[State, PyTree[Array], float]:
-    """The equilibrium at drives (D,), with a factor near it, first tried in steps of such a part of the way;
-    and what part was good at last: 0 where none was, with the last equilibrium that was found.
-    """
-    begin, done = np.asarray(state.drive), 0.0
-    while done < 1:
-        end = min(done + step, 1.0)
-        drive = jnp.asarray(begin + end * (level - begin))
-        reached = _go_on(loads_at, linear, body, place, drive, state, factor)
-        if reached.converged:
-            state, factor, done = reached.state, reached.factor, end
-        elif step > _LEAST_STEP:
-            step /= 2
-        else:
-            return state, factor, 0.0
-    return state, factor, min(2 * step, 1.0)
+    def along(
+        self, path: LoadPath
+    ) -> tuple[Float[np.ndarray, "l k_plus_1 n"], Bool[np.ndarray, "l k_plus_1"]]:
+        """See `Snapshots`, of one path."""
+        state, factor = self.begin(path.place)
+        z, found, alive, step = [], [], True, 1.0
+        for level, places, drives in zip(path.levels, path.near_places, path.near_drives, strict=True):
+            if alive:
+                state, factor, step = self.reach(path.place, level, state, factor, step)
+                alive = step > 0
+            around, settled = np.tile(np.asarray(state.z), (len(drives), 1)), np.zeros(len(drives), bool)
+            if alive and len(drives):
+                near = self.near(places, jnp.asarray(drives, float), state, factor)
+                around, settled = (np.asarray(part) for part in near)
+            z.append(np.concatenate([np.asarray(state.z)[None], around]))
+            found.append(np.append(alive, settled))
+        return np.stack(z), np.stack(found)
 
+    def reach(
+        self, place: Array, level: Float[np.ndarray, " D"], state: State, factor: PyTree[Array], step: float
+    ) -> tuple[State, PyTree[Array], float]:
+        """The equilibrium at drives (D,), with a factor near it, first tried in steps of such a part of the
+        way; and what part was good at last: 0 where none was, with the last equilibrium that was found.
+        """
+        begin, done = np.asarray(state.drive), 0.0
+        while done < 1:
+            end = min(done + step, 1.0)
+            reached = self.go_on(place, jnp.asarray(begin + end * (level - begin)), state, factor)
+            if reached.converged:
+                state, factor, done = reached.state, reached.factor, end
+            elif step > _LEAST_STEP:
+                step /= 2
+            else:
+                return state, factor, 0.0
+        return state, factor, min(2 * step, 1.0)
 
-@eqx.filter_jit
-def _begin(
-    loads_at: LoadsAt, linear: AbstractLinearSolver, body: AbstractBody, place: Array
-) -> tuple[State, PyTree[Array]]:
-    loads = loads_at(body, place)
-    rest = State.rest(body, loads)
-    return rest, rough_factor(linear, body, loads, rest)
+    @eqx.filter_jit
+    def begin(self, place: Array) -> tuple[State, PyTree[Array]]:
+        """Rest, and a factor there."""
+        loads = self.loads_at(self.body, place)
+        rest = State.rest(self.body, loads)
+        return rest, rough_factor(self.linear, self.body, loads, rest)
 
+    @eqx.filter_jit
+    def go_on(self, place: Array, drive: Float[Array, " D"], state: State, factor: PyTree[Array]) -> Found:
+        """The equilibrium at a drive."""
+        return follow(self.linear, self.body, self.loads_at(self.body, place), drive, state, factor)
 
-@eqx.filter_jit
-def _go_on(
-    loads_at: LoadsAt,
-    linear: AbstractLinearSolver,
-    body: AbstractBody,
-    place: Array,
-    drive: Float[Array, " D"],
-    state: State,
-    factor: PyTree[Array],
-) -> Found:
-    return follow(linear, body, loads_at(body, place), drive, state, factor)
+    @eqx.filter_jit
+    def near(
+        self, places: Array, drives: Float[Array, "k D"], state: State, factor: PyTree[Array]
+    ) -> tuple[Float[Array, "k n"], Bool[Array, " k"]]:
+        """The unknowns one step away, and whether these are states."""
 
+        def stepped(near):
+            place, drive = near
+            loads = self.loads_at(self.body, place)
+            after, settled = step_to(self.linear, self.body, loads, drive, state, factor)
+            return after.z, settled & (jnp.min(self.body.volume_ratios(after.z)) > 0)
 
-@eqx.filter_jit
-def _near(
-    loads_at: LoadsAt,
-    linear: AbstractLinearSolver,
-    body: AbstractBody,
-    places: Array,
-    drives: Float[Array, "k D"],
-    state: State,
-    factor: PyTree[Array],
-) -> tuple[Float[Array, "k n"], Bool[Array, " k"]]:
-    def stepped(near):
-        place, drive = near
-        after, settled = step_to(linear, body, loads_at(body, place), drive, state, factor)
-        return after.z, settled & (jnp.min(body.volume_ratios(after.z)) > 0)
-
-    return jax.lax.map(stepped, (places, drives))
+        return jax.lax.map(stepped, (places, drives))

@@ -19,6 +19,9 @@ from softfuse.rom.mode_points import mode_points
 from softfuse.rom.sampling import Sampling, sampled
 from softfuse.rom.snapshots import LoadPath, LoadsAt, snapshots
 
+_TYPICAL = 32
+"""States that live steps know the inverse tangent in."""
+
 
 class Chart(NamedTuple):
     """What makes a reduced body around some places of its loads: small enough to be kept in a file.
@@ -38,10 +41,6 @@ class Chart(NamedTuple):
     reach: Float[np.ndarray, " r"]
     typical: Float[np.ndarray, "t r"]
     compliance: float
-
-
-_TYPICAL = 32
-"""States that live steps know the inverse tangent in."""
 
 
 @dataclass(frozen=True)
