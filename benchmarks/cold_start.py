@@ -69,9 +69,9 @@ class Phases:
 def through_api(given: argparse.Namespace) -> None:
     """The phases of the Python API in this process."""
     phases = Phases()
-    from softfuse.computing import prepare_jax
+    from softfuse.computing.prepare import prepare_jax
     from softfuse.estimation.tracker import Tracker
-    from softfuse.report.recorded import read_sensors, sensor_frames
+    from softfuse.report.presses import read_sensors, sensor_frames
     from softfuse.robot.file import load
     from softfuse.robot.mesh import build_mesh
     from softfuse.robot.reduced import with_charts

@@ -24,7 +24,7 @@ import cma
 import numpy as np
 from scipy.optimize import minimize
 
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.design.limits import room, room_slopes
 from softfuse.design.of_robot import build_limits, build_problem, finer_config
 from softfuse.design.plan import load_design

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.estimation.smoothing.smoother import Smoother, smoothed_recording
 from softfuse.estimation.tracked import Frame
 from softfuse.estimation.tracker import Tracker
@@ -30,7 +30,7 @@ from softfuse.experiment.timeline import Timing
 from softfuse.functional.chart import facing
 from softfuse.robot.file import load
 from softfuse.robot.robot import build_robot
-from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.flow import FlowSettings
 
 PLACES_MM = (
     (-17.0, -17.0),

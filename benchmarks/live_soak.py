@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 from resident import resident_mb
 
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.live.session import Session, SessionReport

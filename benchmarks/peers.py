@@ -22,7 +22,7 @@ from sofa_pad import NOWHERE, SharedForce
 
 from softfuse.body.body import Body
 from softfuse.estimation.step import Observation
-from softfuse.functional import Cavity
+from softfuse.functional.cavity import Cavity
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.reading import ShapeReading
 

@@ -22,7 +22,7 @@ import numpy as np
 from live_frames import compilations, latencies, to_and_fro, wait_until_compiled
 
 from softfuse.body.body import Body
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.estimation.bounds import limits_of, step_settings
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.step import Observation
@@ -31,10 +31,9 @@ from softfuse.mechanics.solution import RESULTS
 from softfuse.robot.file import load
 from softfuse.robot.reduced import Teacher, build_regions, reduction_mark
 from softfuse.robot.robot import Robot, build_robot
-from softfuse.rom.atlas import AtlasFolder
+from softfuse.rom.basis import rest_stiffness
 from softfuse.rom.reduced_model import reduced_model
-from softfuse.rom.rest_stiffness import rest_stiffness
-from softfuse.rom.rom_file import Kept, kept_sizes, read_device
+from softfuse.rom.rom_file import AtlasFolder, Kept, kept_sizes, read_device
 
 PER_LOAD, SOLVED_EVERY = 2000, 50
 SIGMA_M, SIGMA_PA = 5e-5, 10.0

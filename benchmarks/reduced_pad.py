@@ -22,7 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from live_frames import compilations, latencies, to_and_fro
 
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.estimation.bounds import limits_of
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.reduced_estimator import MOST_TRUNCATION, ReducedEstimator
@@ -30,12 +30,12 @@ from softfuse.estimation.step import Observation
 from softfuse.estimation.tracker import Tracker
 from softfuse.functional.chart import facing
 from softfuse.mechanics.model import Model, simulate
-from softfuse.report.recorded import read_sensors, sensor_frames
+from softfuse.report.presses import read_sensors, sensor_frames
 from softfuse.robot.file import load
 from softfuse.robot.reduced import with_charts
 from softfuse.robot.robot import Robot, build_robot
-from softfuse.rom.atlas import Atlas
 from softfuse.rom.cells import Cells
+from softfuse.rom.rom_file import Atlas
 
 APART_M, PER_FRAME_M, PATH = 2e-3, 1e-4, 10_000
 RECORDING = Path(__file__).parents[1] / "tests" / "data" / "pad_nominal_two_presses.csv.gz"

@@ -17,7 +17,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.design.of_robot import build_places
 from softfuse.design.plan import DesignPlan, load_design
 from softfuse.estimation.rest_response import rest_response

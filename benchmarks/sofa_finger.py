@@ -26,8 +26,8 @@ from jaxtyping import Array, Float
 from softfuse.body import LINEAR, Body
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation, exact_steps
-from softfuse.functional import Marker
 from softfuse.functional.cable import guide_forces, length
+from softfuse.functional.marker import Marker
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.material import Corotational, lame_constants
 from softfuse.mechanics import RESULTS, Loads, Newton, State, solve

@@ -24,7 +24,7 @@ from softfuse.body import LINEAR, Body
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
-from softfuse.functional import Cavity
+from softfuse.functional.cavity import Cavity
 from softfuse.material import Corotational
 from softfuse.mechanics import LinearPorts, Multifrontal, PrescribedForce
 from softfuse.mechanics.load import AbstractContact

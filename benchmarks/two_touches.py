@@ -22,9 +22,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.estimation.compiled_suite import Finding
-from softfuse.estimation.packing import Packing
+from softfuse.estimation.kept_programs import Packing
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.accuracy import NINETY
@@ -39,7 +39,7 @@ from softfuse.robot.file import Edits, load, save_edited
 from softfuse.robot.robot import Robot, build_robot
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.mutual.settings import MutualSettings
-from softfuse.sensors.true_contact import TrueContact
+from softfuse.sensors.parts import TrueContact
 
 FORCES_N = np.array([6.0, 3.0])
 LEVELS = np.array([1 / 3, 2 / 3, 1.0])
@@ -140,7 +140,7 @@ def grid_edits(config: RobotSettings, made: Robot, seed: int) -> Edits:
         KnownTouches(images_under(made, np.array(places), force, seed), np.array(places))
         for places, force in ((on + between, 0.0), (between, 5.0))
     )
-    found = fit_mutual_model(grid.grid().model, lying, pressed)
+    found = fit_mutual_model(grid.model(), lying, pressed)
     key = ("sensor", config.sensors.index(grid), "shape")
     return {
         (*key, "contact_counts"): float(found.contact_counts),

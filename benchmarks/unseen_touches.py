@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.estimation.stream import follow
 from softfuse.estimation.tracked import Frame
 from softfuse.estimation.tracker import Tracker
 from softfuse.experiment.accuracy import coverage
 from softfuse.hardware.recording import Recording
-from softfuse.report.recorded import read_sensors, sensor_frames
+from softfuse.report.presses import read_sensors, sensor_frames
 from softfuse.report.study import Study
 from softfuse.robot.file import load
 from softfuse.robot.reduced import with_charts

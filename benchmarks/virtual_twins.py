@@ -23,7 +23,7 @@ import softfuse as sf
 from softfuse.experiment.accuracy import Samples, coverage
 from softfuse.experiment.recording_file import write_recording
 from softfuse.report.observability import Expected
-from softfuse.report.recorded import Part
+from softfuse.report.presses import Part
 
 PART, PRESSED = 0.2, 0.4
 """Forces count from this part of the range; `observe` looks at this one."""

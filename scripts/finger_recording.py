@@ -9,7 +9,7 @@ import typer
 from softfuse.cli.options import Quiet
 from softfuse.cli.progress import tracked_calls
 from softfuse.cli.terminal import stderr, stdout
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.paper.bed import finger_bed
 from softfuse.experiment.paper.pushes import CABLE_ALONE, TABLE_III, TWO_CONTACTS

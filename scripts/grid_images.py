@@ -1,4 +1,4 @@
-"""Draw the images of softfuse.report.mutual_figures; called by grid-images."""
+"""Draw the images of softfuse.report.paper_evaluation; called by grid-images."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,7 +7,7 @@ import typer
 
 from softfuse.cli.terminal import stderr, stdout
 from softfuse.experiment.paper.mutual_bed import MutualBed
-from softfuse.report.mutual_figures import fig_11
+from softfuse.report.paper_evaluation import fig_11
 
 
 def main(path: Annotated[Path, typer.Argument(help="Picture to write: .png, .svg or .pdf.")]) -> None:

@@ -1,4 +1,4 @@
-from .computing import prepare_jax
+from .computing.prepare import prepare_jax
 from .design.objective import AbstractMeasure
 from .design.of_robot import build_problem
 from .design.plan import load_design
@@ -14,9 +14,9 @@ from .experiment.virtual_robot import MakingErrors, virtual_robot
 from .functional.chart import facing, moved
 from .hardware.recording import Recording
 from .mechanics.model import Model, compliance, simulate
-from .report.calibrated import calibrated_robot
+from .report.calibration import calibrated_robot
 from .report.observability import expected
-from .report.recorded import read_sensors, sensor_frames
+from .report.presses import read_sensors, sensor_frames
 from .report.study import Study
 from .robot.file import load, save_edited
 from .robot.layout.layout import AbstractLayout, Parameter

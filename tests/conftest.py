@@ -21,7 +21,7 @@ from softfuse.body import LINEAR, TAYLOR_HOOD, Body, mesh_for
 from softfuse.body.element import Element
 from softfuse.calibration.mutual_grid import KnownTouches, fit_mutual_model
 from softfuse.experiment.paper.mutual_bed import MutualBed
-from softfuse.functional import Cavity
+from softfuse.functional.cavity import Cavity
 from softfuse.functional.contact import ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
@@ -33,7 +33,7 @@ from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import cavities, outer_surface
-from softfuse.report.mutual_figures import image_of
+from softfuse.report.paper_evaluation import image_of
 from softfuse.sensors.mutual.field import Thing
 from softfuse.sensors.mutual.model import MutualModel
 

@@ -11,9 +11,9 @@ from softfuse.estimation.step import Observation, exact_steps
 from softfuse.functional.chart import moved
 from softfuse.mechanics.model import Model, simulate
 from softfuse.robot.reduced import Teacher, build_regions
+from softfuse.rom.basis import rest_stiffness
 from softfuse.rom.cells import Cells
 from softfuse.rom.reduced_model import reduced_model
-from softfuse.rom.rest_stiffness import rest_stiffness
 
 NODES = 2115
 AT_ONCE = {"reduced": 64, "full": 4}

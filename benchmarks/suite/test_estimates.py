@@ -20,8 +20,8 @@ from softfuse.mechanics.model import simulate
 from softfuse.robot.file import load
 from softfuse.robot.reduced import Teacher, build_regions
 from softfuse.robot.robot import build_robot
+from softfuse.rom.basis import rest_stiffness
 from softfuse.rom.reduced_model import reduced_model
-from softfuse.rom.rest_stiffness import rest_stiffness
 
 FRAMES = 200
 LARGEST = max(MESHES)

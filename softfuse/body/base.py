@@ -7,6 +7,7 @@ forces on the unknowns by the transpose of u(z).
 
 from abc import abstractmethod
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
@@ -15,7 +16,11 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from softfuse.body.element import Element
+from softfuse.errors import SoftfuseError
 from softfuse.material.base import AbstractMaterial
+
+if TYPE_CHECKING:
+    from softfuse.body.body import Body
 
 _WRITTEN_OUT = 3  # columns
 
@@ -40,6 +45,11 @@ class AbstractBody(eqx.Module):
     def n_nodes(self) -> int:
         """Number of displacement nodes."""
         return self.rest.shape[0]
+
+    @property
+    def full(self) -> "Body":
+        """The body itself, if its unknowns are those of all nodes; raises SoftfuseError for a reduced one."""
+        raise SoftfuseError("the body is a reduced one: this is done with the full one, then reduce that")
 
     @abstractmethod
     def law(self, region: int) -> AbstractMaterial:
@@ -155,6 +165,11 @@ class AbstractBody(eqx.Module):
         would have added. 0 for a body without modes.
         """
         return jnp.zeros_like(z[0])
+
+    @property
+    def last_modes(self) -> slice:
+        """Of the unknowns: the last of its modes; none of a body without."""
+        return slice(0)
 
     def rough(self) -> "AbstractBody":
         """The same body with faster arithmetic, good enough for estimates; itself where there is none."""

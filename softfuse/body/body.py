@@ -134,6 +134,11 @@ class Body(AbstractBody):
         )
         return eqx.tree_at(lambda b: b.weight, body, jax.jit(_weight)(body))
 
+    @property
+    def full(self) -> "Body":
+        """The body."""
+        return self
+
     def law(self, region: int) -> AbstractMaterial:
         """The material of a region of its mesh."""
         return self.materials[region]

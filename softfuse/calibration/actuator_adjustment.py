@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 from softfuse.calibration.adjustment import AbstractAdjustment, Measure
 from softfuse.mechanics.cable import ShortenedCable
 from softfuse.mechanics.gas import SealedGas
-from softfuse.mechanics.model import Model, with_actuators
+from softfuse.mechanics.model import Model, parts_of, with_actuators
 
 _TYPICAL_STRAIN = 1e-3
 """Of a cable under the largest tension, where none is configured: a wire's is some ten-thousandths, that of
@@ -27,6 +27,7 @@ class CableZeros(AbstractAdjustment):
     """θ (b,) [m]: what is read of a cable where it gets taut, beyond the zero that is configured."""
 
     measure: ClassVar[Measure] = Measure.length
+    of_cables: ClassVar[bool] = True
     sigma: Float[Array, " b"]
     number: Int[Array, " b"]
     names: tuple[str, ...] = eqx.field(static=True)
@@ -45,6 +46,7 @@ class CableZeros(AbstractAdjustment):
 class CableCompliances(AbstractAdjustment):
     """θ (b,): the compliance of each cable itself is `typical` (b,) [m/N] times exp θ."""
 
+    of_cables: ClassVar[bool] = True
     sigma: Float[Array, " b"]
     typical: Float[Array, " b"]
     names: tuple[str, ...] = eqx.field(static=True)
@@ -54,10 +56,9 @@ class CableCompliances(AbstractAdjustment):
         """Of the configured compliances, or where there is none of one that is felt as a strain of a
         thousandth under the largest tension [N]; with a prior standard deviation [-].
         """
-        loads = [load for load in device.actuators if isinstance(load, ShortenedCable)]
+        loads = zip(parts_of(device.actuators, ShortenedCable), most_N, strict=True)
         typical = [
-            float(load.compliance) or _TYPICAL_STRAIN * float(load.rest_length) / most
-            for load, most in zip(loads, most_N, strict=True)
+            float(load.compliance) or _TYPICAL_STRAIN * float(load.rest_length) / most for load, most in loads
         ]
         names = tuple(f"{name} compliance" for name in cables)
         return cls(sigma=jnp.full(len(cables), sigma), typical=jnp.array(typical), names=names)
@@ -76,9 +77,7 @@ class DeadVolumes(AbstractAdjustment):
 
     @classmethod
     def of(cls, chambers: Sequence[str], sigma: float) -> Self:
-        """Of the gas in all sealed chambers, in the order of their drives, with a prior standard deviation
-        [-].
-        """
+        """Of the gas in sealed chambers, in the order of their drives; prior standard deviation [-]."""
         names = tuple(f"{name} dead volume" for name in chambers)
         return cls(sigma=jnp.full(len(chambers), sigma), names=names)
 

@@ -14,13 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from softfuse.body.body import Body
+from softfuse.body.base import AbstractBody
 from softfuse.body.stiffness_field import TERMS, with_field
-from softfuse.errors import SoftfuseError
-from softfuse.material.base import AbstractMaterial, constant
-from softfuse.material.neo_hookean import NeoHookean
-from softfuse.material.yeoh import Yeoh
-from softfuse.mechanics.indenters import FlatIndenter
+from softfuse.material.base import constant
 from softfuse.mechanics.model import Model, with_body
 from softfuse.mesh.morph import wall_fields
 from softfuse.mesh.tetmesh import TetMesh
@@ -39,6 +35,8 @@ class AbstractAdjustment(eqx.Module):
     """Some parameters (p,) of one measure with prior standard deviations `sigma` (p,) and `names`, in SI."""
 
     measure: ClassVar[Measure] = Measure.factor
+    of_cables: ClassVar[bool] = False
+    """Whether only presses in which cables pull have to do with them."""
     sigma: eqx.AbstractVar[Float[Array, " p"]]
     names: eqx.AbstractVar[tuple[str, ...]]
 
@@ -78,8 +76,9 @@ class Stiffness(AbstractAdjustment):
 
     def adjusted(self, device, value):
         """The device of stiffer or softer materials."""
-        materials = [law.times(jnp.exp(value[0])) for law in _body(device).materials]
-        return with_body(device, _body(device).with_materials(materials))
+        body = device.body.full
+        materials = [law.times(jnp.exp(value[0])) for law in body.materials]
+        return with_body(device, body.with_materials(materials))
 
 
 class Stiffening(AbstractAdjustment):
@@ -97,19 +96,12 @@ class Stiffening(AbstractAdjustment):
     @staticmethod
     def possible(device: Model) -> bool:
         """Whether all its materials have such a constant."""
-        return all(isinstance(law, NeoHookean | Yeoh) for law in _body(device).materials)
+        return all(law.stiffened(0.0) is not law for law in device.body.full.materials)
 
     def adjusted(self, device, value):
         """The device of materials that stiffen more or less under strain; see `possible`."""
-        materials = [_stiffened(law, value[0]) for law in _body(device).materials]
-        return with_body(device, _body(device).with_materials(materials))
-
-
-def _stiffened(law: AbstractMaterial, ratio: Float[Array, ""]) -> Yeoh:
-    if isinstance(law, NeoHookean):
-        return Yeoh(0.5 * law.mu, 0.5 * law.mu * ratio, 0.0, law.lame)
-    assert isinstance(law, Yeoh), "Stiffening.possible tells"
-    return Yeoh(law.c1, law.c2 + ratio * law.c1, law.c3, law.lame)
+        body = device.body.full
+        return with_body(device, body.with_materials([law.stiffened(value[0]) for law in body.materials]))
 
 
 class Layer(AbstractAdjustment):
@@ -120,13 +112,11 @@ class Layer(AbstractAdjustment):
     names: tuple[str, ...] = eqx.field(static=True, default=("layer",))
 
     @classmethod
-    def of(cls, device: Model, sigma: float) -> Self:
-        """Of the configured compliance, or where there is none of one that is felt as little as a hundredth
-        of the disc's radius of the body; with a prior standard deviation [-].
+    def of(cls, compliance: float, radius: float, body: AbstractBody, sigma: float) -> Self:
+        """Of the configured compliance [m/Pa], or where there is none of one that is felt as little as a
+        hundredth of the disc's radius [m] of the body; with a prior standard deviation [-].
         """
-        disc = _punch(device)
-        given = float(disc.compliance)
-        typical = given or 0.01 * disc.radius / device.body.pressure_unit
+        typical = compliance or 0.01 * radius / body.pressure_unit
         return cls(sigma=jnp.array([sigma]), typical=typical)
 
     def adjusted(self, device, value):
@@ -173,14 +163,12 @@ class Walls(AbstractAdjustment):
 
     def adjusted(self, device, value):
         """The device with its cavities as made."""
-        body = _body(device)
+        body = device.body.full
         return with_body(device, body.with_rest(body.rest + jnp.einsum("p,pni->ni", value, self.modes)))
 
 
 class StiffnessField(AbstractAdjustment):
-    """θ (9,): coefficients of the body's stiffness field more than `configured` (9,), see
-    `body.stiffness_field`.
-    """
+    """θ (9,): coefficients of the stiffness field beyond `configured` (9,), see `body.stiffness_field`."""
 
     sigma: Float[Array, "9"]
     configured: Float[Array, "9"]
@@ -195,7 +183,7 @@ class StiffnessField(AbstractAdjustment):
 
     def adjusted(self, device, value):
         """The device that is stiffer in some parts than in others."""
-        return with_body(device, with_field(_body(device), self.configured + value))
+        return with_body(device, with_field(device.body.full, self.configured + value))
 
 
 class Gains(AbstractAdjustment):
@@ -268,18 +256,3 @@ class Adjustments(eqx.Module):
         for group, part in zip(self.groups, self.of_group(value), strict=True):
             reading = group.measured(reading, part)
         return reading
-
-
-def _body(device: Model) -> Body:
-    if not isinstance(device.body, Body):
-        raise SoftfuseError("a reduced body cannot be calibrated: calibrate the full one, then reduce it")
-    return device.body
-
-
-def _punch(device: Model) -> FlatIndenter:
-    contact = device.contacts[0]
-    if not isinstance(contact, FlatIndenter):
-        raise SoftfuseError(
-            'a calibration presses discs: a device with contact.model = "patch" cannot be calibrated yet'
-        )
-    return contact

@@ -1,9 +1,9 @@
-"""Fitting the pose of an electrode array to presses of known place (`sensors.array_pose`).
+"""Fitting the pose of an electrode array to presses of known place (`crossed.sensor`).
 
 To first order a contact at x is placed at l, x − l = c + α (−l_y, l_x) + (ε_x l_x, ε_y l_y), with normal
 priors of the shift c, the turn α and the stretches ε. What then is left has the variance f² σ² + κ² d²,
 with the σ that the fit of the peak promises and the depth d of the dent; it is alike in the samples of one
-press (ρ, as in `discrepancy`), and lets go of a press that nothing explains (`robust`). A few presses hardly
+press (ρ, as in `robust`), and lets go of a press that nothing explains (`robust`). A few presses hardly
 tell f and κ: f² and κ² are their means over what the locations leave open of them, under normal priors of
 ln f and of κ ≥ 0.
 """
@@ -15,9 +15,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from softfuse.calibration.adjustment import Measure
-from softfuse.calibration.discrepancy import alike_in_press
-from softfuse.calibration.posterior import AbstractPosterior
-from softfuse.calibration.robust import Explained, Linear, explained
+from softfuse.calibration.fit import AbstractPosterior
+from softfuse.calibration.robust import Explained, Linear, alike_in_press, explained
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.model_error import whitening
 
@@ -112,8 +111,7 @@ class PoseFit(AbstractPosterior):
 
 
 def fit_pose(located: Located, prior: PosePrior, area_m: Float[np.ndarray, "a 2"]) -> PoseFit:
-    """The pose that presses tell; area (a, 2) m: places over which what is not known of it is averaged into
-    the factor.
+    """The pose that presses tell; area (a, 2) m: where what is not known of it is averaged for the factor.
 
     Raises SoftfuseError when nothing explains the presses.
     """

@@ -4,7 +4,7 @@ A line e with gain exp h_e reads, under a press at x,
 
     s_e = exp h_e (A f_e(l, R, d + g) + o),
 
-f of `sensors.peak_model`, l where the array's pose has x (`sensors.array_pose`). A gain that rises from line
+f of `sensors.peak_model`, l where the array's pose has x (`crossed.sensor`). A gain that rises from line
 to line looks like a shift, so that the pose is unknown too, to first order and with the priors of
 `array_pose`; what it comes to is thrown away, because locations tell it once more when they have the gains.
 So are amplitudes A, offsets o, radius R and gap g of each sample, with the priors of the peak fit. They are
@@ -17,7 +17,7 @@ posterior is the mean over these, each as likely as it makes the signals. So lin
 that could not tell them apart.
 
 Signals miss the model by their noise and by a part of the sample's largest one, alike in the samples of one
-press (ρ, as in `discrepancy`); a press that nothing explains is let go of, as in `robust`. The mean of ln
+press (ρ, as in `robust`); a press that nothing explains is let go of, as in `robust`. The mean of ln
 gain over rows, or columns, looks like their amplitude: only its prior tells it, so that a gain is known no
 better than that, while it may be over the mean.
 """
@@ -35,13 +35,12 @@ from scipy.linalg import block_diag
 
 from softfuse.calibration.adjustment import Measure
 from softfuse.calibration.array_pose import pose_slopes
-from softfuse.calibration.discrepancy import alike_in_press
-from softfuse.calibration.posterior import AbstractPosterior
-from softfuse.calibration.robust import FREEDOM
+from softfuse.calibration.fit import AbstractPosterior
+from softfuse.calibration.robust import FREEDOM, alike_in_press
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.model_error import whitening
-from softfuse.sensors.crossed.array_pose import ArrayPose
 from softfuse.sensors.crossed.peak_model import PeakModel, PeakShape, peak_layers, peak_shape
+from softfuse.sensors.crossed.sensor import ArrayPose
 
 _ALIKE = 0.98
 """Correlation of the signals' misfits in one press, noise apart: that of the reference pad's recordings."""
@@ -174,9 +173,7 @@ def _searched(
 
 
 class _Explained(NamedTuple):
-    """The likeliest gains and pose (c,) in prior standard deviations, their information (c, c), and what they
-    make least.
-    """
+    """The likeliest gains and pose (c,) in prior standard deviations, information (c, c), and least cost."""
 
     z: Float[np.ndarray, " c"]
     information: Float[np.ndarray, "c c"]
@@ -217,9 +214,7 @@ def _lost(square: Float[np.ndarray, " g"], count: Int[np.ndarray, " g"]) -> Floa
 
 
 class _Expected(eqx.Module):
-    """What is expected of the signals of s samples at places (s, 2) m on the body, and how these go with the
-    pose (s, 2, 5).
-    """
+    """The signals expected of s samples at places (s, 2) m, and how places go with the pose (s, 2, 5)."""
 
     shape: PeakShape
     layer: Float[Array, "e 2"]
@@ -312,9 +307,7 @@ class _Samples:
     def cost(
         self, z: Float[np.ndarray, " c"], common: Float[np.ndarray, " c"], own: Float[np.ndarray, "s 6"]
     ) -> float:
-        """What gains and pose (c,), which are (c,) prior standard deviations, and each sample's own (s, 6)
-        should make least.
-        """
+        """What gains and pose (c,), z (c,) prior standard deviations, and each sample's own (s, 6) cost."""
         left = self.signals.signal_counts - np.asarray(self.expected.signals(common, own))
         away = (own - self.mean) / self.sigma
         square, count = [], []

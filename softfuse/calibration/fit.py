@@ -7,6 +7,7 @@ is tried again where a parabola is least. Rounds end when no step promises more 
 logarithm of the posterior: parameters are then within a fifth of their standard deviations.
 """
 
+from abc import ABC
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,18 +16,49 @@ from jaxtyping import Float, Int
 from scipy.optimize import minimize_scalar
 
 from softfuse.calibration.adjustment import Measure
-from softfuse.calibration.discrepancy import Discrepancy, Whitening
-from softfuse.calibration.posterior import AbstractPosterior
 from softfuse.calibration.presses import Adjustable, Answer, Presses
-from softfuse.calibration.robust import Explained, Linear, cost, explained
+from softfuse.calibration.robust import Discrepancy, Explained, Linear, Whitening, cost, explained
 from softfuse.errors import SoftfuseError
+from softfuse.estimation.model_error import ReadingSpread, missed
 
 _SETTLED = 0.02
 """What a step must promise."""
+
 _SHORTENED = 4
 """How often a step is tried."""
+
 _PARTS = (1e-4, 0.3)
 """Discrepancies between which the likeliest is searched."""
+
+_SIDE = 11
+"""Places in each direction."""
+
+
+class AbstractPosterior(ABC):
+    """p parameters with `names` and `measures`: `value` (p,), `covariance` (p, p) and `prior_sigma` (p,) in
+    the units of their measures.
+    """
+
+    names: tuple[str, ...]
+    measures: tuple[Measure, ...]
+    value: Float[np.ndarray, " p"]
+    covariance: Float[np.ndarray, "p p"]
+    prior_sigma: Float[np.ndarray, " p"]
+
+    @property
+    def sigma(self) -> Float[np.ndarray, " p"]:
+        """Standard deviations (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def told(self) -> Float[np.ndarray, " p"]:
+        """How much of each parameter the presses tell (p,): 0 nothing beyond the prior, 1 all of it."""
+        return 1 - (self.sigma / self.prior_sigma) ** 2
+
+    @property
+    def correlation(self) -> Float[np.ndarray, "p p"]:
+        """Of the parameters (p, p)."""
+        return self.covariance / np.outer(self.sigma, self.sigma)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,3 +198,45 @@ def _likeliest(at: _Round) -> float:
         options={"xatol": 0.02},
     )
     return float(np.exp(found.x))
+
+
+def gain(
+    fit: Fit, answer: Answer, noise: Float[np.ndarray, " k"], kind: Int[np.ndarray, " k"]
+) -> Float[np.ndarray, " s"]:
+    """What each of s further presses would tell [nat], so that the best is the D-optimal one.
+
+    A press that reads with slopes J (k, p) and covariance S (k, k) turns the parameters' covariance C into
+    (C⁻¹ + Jᵀ S⁻¹ J)⁻¹ and gains ½ ln det(I + S⁻¹ J C Jᵀ). Source: Chaloner and Verdinelli, Stat. Sci. 10
+    (1995) 273. Answers are those of the fitted parameters; `noise` (k,): standard deviations of the readings
+    in SI; `kind` (k,): see `model_error.missed`.
+    """
+    sigma = np.hypot(noise, missed(answer.reading, fit.discrepancy.part, kind))
+    whitened = answer.slope / sigma[..., None]
+    seen = np.einsum("skp,pq,slq->skl", whitened, fit.covariance, whitened)
+    return 0.5 * np.linalg.slogdet(np.eye(seen.shape[1]) + seen)[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Places of x (a,) and y (b,) [m] all over a workspace, all to be pressed with one force [N]."""
+
+    x_m: Float[np.ndarray, " a"]
+    y_m: Float[np.ndarray, " b"]
+    each_N: float
+
+    @classmethod
+    def over(cls, x: tuple[float, float], y: tuple[float, float], force: float, side: int = _SIDE) -> "Grid":
+        """The grid over ranges of x and y [m], of `side` places in each direction."""
+        return cls(np.linspace(*x, side), np.linspace(*y, side), force)
+
+    @property
+    def point_m(self) -> Float[np.ndarray, "s 3"]:
+        """All points (s, 3), y running first."""
+        x, y = np.meshgrid(self.x_m, self.y_m, indexing="ij")
+        return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+
+    def spread(self, answer: Answer, covariance: Float[np.ndarray, "p p"]) -> ReadingSpread:
+        """How uncertain readings are, as a device answers these presses with parameters so uncertain."""
+        by_parameters = answer.slope @ np.linalg.cholesky(covariance) / self.each_N
+        shape = (len(self.x_m), len(self.y_m), answer.reading.shape[1], -1)
+        return ReadingSpread(self.x_m, self.y_m, by_parameters.reshape(shape))

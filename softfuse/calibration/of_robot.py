@@ -1,12 +1,12 @@
 """What a calibration may change of a robot, and settings that say what it found."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import singledispatch
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from softfuse.body.body import Body
 from softfuse.body.stiffness_field import TERMS
 from softfuse.calibration.actuator_adjustment import CableCompliances, CableZeros, DeadVolumes
 from softfuse.calibration.adjustment import (
@@ -20,20 +20,16 @@ from softfuse.calibration.adjustment import (
     Walls,
 )
 from softfuse.calibration.array_pose import PoseFit, PosePrior
-from softfuse.calibration.contact_places import ContactPlaces
-from softfuse.calibration.presses import Applied
+from softfuse.calibration.presses import Applied, ContactPlaces
 from softfuse.errors import ConfigError
 from softfuse.material.base import AbstractMaterial
 from softfuse.material.yeoh import Yeoh
-from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.model import Model
-from softfuse.mechanics.reading import AbstractReading, AnswerReading, DriveReading, JointReading
-from softfuse.robot.contacts import DiscSettings, PatchSettings
+from softfuse.mechanics.reading import AbstractReading
 from softfuse.robot.file import Edits, Key
-from softfuse.robot.material import Material, OneModulus, SeveralModuli
+from softfuse.robot.material import Material
 from softfuse.robot.robot import Robot
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.cable_length import CableLengthSettings
 from softfuse.sensors.crossed.settings import CrossedSettings
 
 
@@ -41,7 +37,8 @@ from softfuse.sensors.crossed.settings import CrossedSettings
 class Fitted:
     """A robot as it is known in presses: the `model`, whose cables are shortened by what is measured, or left
     alone, and which reads all that its sensors measure but that; the numbers `readings` (k,) of these among
-    the robot's, the `kind` (k,) of each, see `model_error.missed`, and what people call them, `names` (k,).
+    the robot's, the `kind` (k,) of each, see `model_error.missed`, and what people call them, `names` (k,);
+    `shortened` (b,): which cables have a length that is measured or commanded.
     """
 
     robot: Robot
@@ -49,6 +46,7 @@ class Fitted:
     readings: Int[np.ndarray, " k"]
     kind: Int[np.ndarray, " k"]
     names: tuple[str, ...]
+    shortened: Bool[np.ndarray, " b"]
 
     @classmethod
     def of(cls, robot: Robot) -> "Fitted":
@@ -56,48 +54,37 @@ class Fitted:
         settings, model = robot.settings, robot.model
         if not settings.sensors:
             raise ConfigError(f"{settings.path}: sensor: missing, a calibration fits what they read")
-        measured = {name for sensor in settings.sensors_of(CableLengthSettings) for name in sensor.cables}
-        measured |= {each.name for each in settings.cables if each.command and each.command.of == "length"}
-        actuators = list(model.actuators)
-        for k, cable in enumerate(settings.cables):
-            load = actuators[k]
-            if cable.name in measured and isinstance(load, PulledCable):
-                actuators[k] = ShortenedCable.of(load, model.body)
+        answered = {*model.answered} | {each.drive for each in robot.commands if each.of_answer}
+        drives = {cable.name: robot.addresses.drives[cable.name] for cable in settings.cables}
+        shortened = [name for name, drive in drives.items() if drive in answered]
         kept, numbers, first = list[AbstractReading](), list[int](), 0
-        drives = [robot.addresses.drives[cable.name] for cable in settings.cables]
-        for reading in _apart(model.readings):
+        for reading in (each for joined in model.readings for each in joined.single):
             own = range(first, first + reading.count)
             first += reading.count
-            known = isinstance(reading, DriveReading) or (
-                isinstance(reading, AnswerReading) and set(reading.numbers) <= set(drives)
-            )
-            if not known:
+            known = np.isin(reading.answered, [*drives.values()]) | (np.array(reading.driven) >= 0)
+            if not known.all():
                 kept.append(reading)
                 numbers += own
         readings = np.array(numbers, int)
         names = robot.suite.readings
         return cls(
             robot,
-            replace(model, actuators=tuple(actuators), readings=tuple(kept)),
+            replace(model, actuators=robot.shortened(shortened), readings=tuple(kept)),
             readings,
             robot.reading_kinds[readings],
             tuple(names[k] for k in numbers),
+            np.array([name in shortened for name in drives], bool),
         )
 
     @property
-    def shortened(self) -> Bool[np.ndarray, " b"]:
-        """Which cables (b,) have a length that is measured or commanded."""
-        count = len(self.robot.settings.cables)
-        return np.array([isinstance(load, ShortenedCable) for load in self.model.actuators[:count]], bool)
-
-
-def _apart(readings: Sequence[AbstractReading]) -> Iterator[AbstractReading]:
-    """Readings one by one, those that are joined too."""
-    for reading in readings:
-        if isinstance(reading, JointReading):
-            yield from _apart(reading.parts)
-        else:
-            yield reading
+    def told(self) -> Int[np.ndarray, " k"]:
+        """The drive of the model's actuators that each of the robot's readings (k,) tells; -1: none."""
+        drives, own = self.robot.addresses.drives, self.robot.model
+        cables = np.array([drives[cable.name] for cable in self.robot.settings.cables], int)
+        shortened = cables[self.shortened]
+        # A shortened cable is driven by what answers the robot's own.
+        driven = np.where(np.isin(own.driven, shortened), -1, own.driven)
+        return np.where(np.isin(own.answered, shortened), own.answered, driven)
 
 
 def build_adjustments(fitted: Fitted) -> Adjustments:
@@ -112,8 +99,8 @@ def build_adjustments(fitted: Fitted) -> Adjustments:
         groups.append(Stiffness.within(may.stiffness))
     if may.stiffening and Stiffening.possible(model):
         groups.append(Stiffening.within(may.stiffening))
-    if may.contact_layer and config.contacts and isinstance(config.contacts[0], DiscSettings):
-        groups.append(Layer.of(model, may.contact_layer))
+    if may.contact_layer and config.contacts and (layer := config.contacts[0].layer) is not None:
+        groups.append(Layer.of(layer, config.contacts[0].radius, model.body, may.contact_layer))
     if config.chambers and (may.cavity_shift or may.cavity_growth):
         centres = np.array([np.add(chamber.centre, chamber.shift) for chamber in config.chambers])
         names = [chamber.name for chamber in config.chambers]
@@ -152,13 +139,14 @@ def adjustments_of_presses(
     pulls, and besides where on its named place each contact acts.
     """
     config, groups = fitted.robot.settings, adjustments.groups
-    slack = [sensor.slack for sensor in config.sensors_of(CableLengthSettings)]
+    slack = [least for sensor in config.sensors for least in sensor.slacks.values()]
     cables = len(config.cables)
     if slack and not np.any(applied.prescribed[:, :cables] > min(slack)):
-        groups = tuple(group for group in groups if not isinstance(group, CableZeros | CableCompliances))
-    patches = [each for each in config.contacts if isinstance(each, PatchSettings) and each.span]
-    if patches and config.places:
-        sigma = patches[0].place_sigma or patches[0].span / np.sqrt(12)
+        groups = tuple(group for group in groups if not group.of_cables)
+    lines = [each.line for each in config.contacts if each.line]
+    if lines and config.places:
+        length, sigma = lines[0]
+        sigma = sigma or length / np.sqrt(12)
         groups = (*groups, ContactPlaces.of(applied, called, config.places, sigma))
     return Adjustments(groups)
 
@@ -167,7 +155,7 @@ def _actuator_adjustments(fitted: Fitted) -> list[AbstractAdjustment]:
     config, groups = fitted.robot.settings, list[AbstractAdjustment]()
     may = config.calibration
     cables = [cable for cable, on in zip(config.cables, fitted.shortened, strict=True) if on]
-    if cables and may.cable_zero and config.sensors_of(CableLengthSettings):
+    if cables and may.cable_zero and any(sensor.slacks for sensor in config.sensors):
         numbers = np.flatnonzero(fitted.shortened)
         groups.append(CableZeros.of([cable.name for cable in cables], numbers, may.cable_zero))
     if cables and may.cable_compliance:
@@ -191,16 +179,15 @@ def calibrated_edits(fitted: Fitted, adjustments: Adjustments, value: Float[np.n
     """The edits of the settings that make the robot one with parameters (p,)."""
     config = fitted.robot.settings
     made = adjustments.adjusted(fitted.model, value)
-    assert isinstance(made.body, Body)  # robots are built with full ones
     edits: dict[Key, str | float | list[str] | list[float] | None] = {}
     for group, part in zip(adjustments.groups, adjustments.of_group(value), strict=True):
         part = np.asarray(part)
         match group:
             case Stiffness() | Stiffening():
                 for k, (material, law) in enumerate(
-                    zip(config.body.materials, made.body.materials, strict=True)
+                    zip(config.body.materials, made.body.full.materials, strict=True)
                 ):
-                    for key, said in _material(material, law).items():
+                    for key, said in _material(law, material).items():
                         edits["body", "material", k, key] = said
             case Layer():
                 compliance = float(group.typical * np.exp(part[0]))
@@ -250,10 +237,8 @@ def _zeros(config: RobotSettings, shift: dict[str, float]) -> dict[Key, list[str
     """Where cables get taut, more by shifts [m] of some by name."""
     edits: dict[Key, list[str]] = {}
     for k, sensor in enumerate(config.sensors):
-        if isinstance(sensor, CableLengthSettings):
-            zero = np.broadcast_to(sensor.zero, (len(sensor.cables),))
-            more = [shift.get(name, 0.0) for name in sensor.cables]
-            edits["sensor", k, "zero"] = _millimetres(zero + more)
+        if sensor.slacks:
+            edits["sensor", k, "zero"] = _millimetres(sensor.zeros_after(shift))
     return edits
 
 
@@ -263,10 +248,8 @@ def build_pose_prior(config: RobotSettings) -> PosePrior:
     return PosePrior(may.array_shift, may.array_turn, may.array_stretch, may.array_sigma, may.array_dent)
 
 
-def pose_edits(config: RobotSettings, pose: PoseFit | None) -> Edits:
-    """The edits of a config that put its crossed electrodes where presses found them; none without."""
-    if pose is None:
-        return {}
+def pose_edits(config: RobotSettings, pose: PoseFit) -> Edits:
+    """The edits of a config that put its crossed electrodes where presses found them."""
     (lines,) = config.sensors_of(CrossedSettings)[:1]
     was, (x, y, turn, *stretch) = lines.pose, pose.value
     key = ("sensor", config.sensors.index(lines), "pose")
@@ -279,17 +262,21 @@ def pose_edits(config: RobotSettings, pose: PoseFit | None) -> Edits:
     }
 
 
-def _material(settings: Material, law: AbstractMaterial) -> dict[str, str | list[str] | None]:
+@singledispatch
+def _material(law: AbstractMaterial, settings: Material) -> dict[str, str | list[str] | None]:
     """The keys of a material that make it a law."""
-    if not isinstance(law, Yeoh):
-        factor = float(law.shear_modulus()) / settings.shear_modulus
-        return {key: _megapascals(value) for key, value in settings.stiffness_times(factor).items()}
-    edits: dict[str, str | list[str] | None] = {"law": "yeoh"}
-    if isinstance(settings, OneModulus):
-        edits["young"] = None
-    elif isinstance(settings, SeveralModuli) and settings.bulk is not None:
-        edits["bulk"] = _megapascals(float(law.lame) + 2 / 3 * float(law.shear_modulus()))
+    factor = float(law.shear_modulus()) / settings.shear_modulus
+    return {key: _megapascals(value) for key, value in settings.stiffness_times(factor).items()}
+
+
+@_material.register
+def _(law: Yeoh, settings: Material) -> dict[str, str | list[str] | None]:
     constants = {"c1": law.c1, "c2": law.c2, "c3": law.c3}
+    edits: dict[str, str | list[str] | None] = {"law": "yeoh"}
+    for key in settings.stiffness_times(1.0).keys() - constants.keys():
+        edits[key] = None
+    if "bulk" in edits:
+        edits["bulk"] = _megapascals(float(law.lame) + 2 / 3 * float(law.shear_modulus()))
     return edits | {key: _megapascals(float(constant)) for key, constant in constants.items()}
 
 

@@ -5,9 +5,9 @@ adjoint for each reading. It is compiled once and shared out over threads. An eq
 that of the sample before in the same press, or from where it was with other parameters.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import equinox as eqx
 import jax
@@ -15,9 +15,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from softfuse.calibration.adjustment import Adjustments
+from softfuse.calibration.adjustment import AbstractAdjustment, Adjustments, Measure
 from softfuse.errors import SolveError
-from softfuse.estimation.side_by_side import shared_out
+from softfuse.estimation.batch import shared_out
+from softfuse.functional.chart import nearest
 from softfuse.mechanics.load import AbstractContact
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS, Solution, State
@@ -65,13 +66,12 @@ class Answer:
     states: tuple[State, ...]
 
 
+@dataclass(frozen=True, eq=False)
 class Adjustable:
-    """A device whose parameters may be adjusted."""
+    """A device as configured, with parameters 0, which may be adjusted; compiles when first asked."""
 
-    def __init__(self, device: Model, adjustments: Adjustments):
-        """Compiles when first asked; `device` is as configured, with parameters 0."""
-        self.adjustments = adjustments
-        self._device = device
+    device: Model
+    adjustments: Adjustments
 
     def answer(
         self,
@@ -105,9 +105,9 @@ class Adjustable:
     def _one(
         self, value: np.ndarray, given: tuple[np.ndarray, ...], start: State | None
     ) -> tuple[np.ndarray, np.ndarray, State]:
-        rest = self._device.rest_state(jnp.asarray(given[0]))
+        rest = self.device.rest_state(jnp.asarray(given[0]))
         for begin in (rest,) if start is None else (start, rest):
-            slope, (reading, found) = _read(self._device, self.adjustments, value, given, begin)
+            slope, (reading, found) = _read(self.device, self.adjustments, value, given, begin)
             if bool(found.result == RESULTS.converged):
                 return np.asarray(reading), np.asarray(slope), found.state
         place, force, *_ = given
@@ -158,3 +158,42 @@ def _shared(kind: AbstractContact, force: Array, arm: Array) -> Float[Array, " d
     arms = kind.arms
     square = jnp.sum(arms**2)
     return force * (kind.shares + arm * arms / jnp.where(square > 0, square, 1.0))
+
+
+class ContactPlaces(AbstractAdjustment):
+    """θ (p,) [m]: how far along its electrode each contact of each press acts from the middle.
+
+    `number` (n + 1, c): which θ belongs to contact c of press n, p for none; none does in the last row.
+    """
+
+    measure: ClassVar[Measure] = Measure.length
+    sigma: Float[Array, " p"]
+    number: Int[Array, "n1 c"]
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    @classmethod
+    def of(
+        cls,
+        applied: Applied,
+        called: dict[int, str],
+        electrodes: Mapping[str, Float[np.ndarray, "3 3"]],
+        sigma: float,
+    ) -> Self:
+        """Of presses 0, 1 ..., so called by people, on named electrodes; prior standard deviation [m]."""
+        presses, contacts = int(applied.press.max(initial=-1)) + 1, applied.force_N.shape[1]
+        number, names = np.full((presses + 1, contacts), -1), list[str]()
+        known, at = list(electrodes), np.array(list(electrodes.values()))
+        for press in range(presses):
+            on = applied.press == press
+            for contact in np.flatnonzero(np.any(applied.force_N[on] > 0, axis=0)):
+                number[press, contact] = len(names)
+                pushed = on & (applied.force_N[:, contact] > 0)
+                where = known[int(nearest(at, applied.place[pushed][0, contact]))]
+                names.append(f"place on {where} in press {called[press]}")
+        number = np.where(number < 0, len(names), number)
+        return cls(sigma=jnp.full(len(names), sigma), number=jnp.asarray(number), names=tuple(names))
+
+    def arms(self, arm, press, value):
+        """Where contacts act; in the middle in a press that is none of those."""
+        padded = jnp.append(value, 0.0)
+        return arm + padded[self.number[jnp.where(press < 0, len(self.number) - 1, press)]]

@@ -28,7 +28,7 @@ from softfuse.cli.sweep import sweep
 from softfuse.cli.terminal import escape_log, say, stderr
 from softfuse.cli.testbed import testbed
 from softfuse.cli.virtual_device import virtual_device
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 from softfuse.errors import SoftfuseError
 
 app = typer.Typer(

@@ -8,9 +8,8 @@ import typer
 from softfuse.cli.options import Quiet, out_file
 from softfuse.cli.progress import busy, steps
 from softfuse.cli.terminal import say
-from softfuse.report.calibrated import calibrated_robot, check_out
-from softfuse.report.calibration import tell
-from softfuse.report.recorded import read_sensors
+from softfuse.report.calibration import calibrated_robot, check_out, tell
+from softfuse.report.presses import read_sensors
 from softfuse.robot.file import load
 from softfuse.robot.robot import build_robot
 

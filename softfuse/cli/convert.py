@@ -9,7 +9,7 @@ from softfuse.cli.options import Quiet
 from softfuse.cli.progress import busy
 from softfuse.cli.terminal import say
 from softfuse.hardware.record.convert import convert_estimates, convert_frames
-from softfuse.report.recorded import table_form
+from softfuse.report.presses import table_form
 from softfuse.robot.file import file_text, validated
 from softfuse.robot.recording import RecordingFile, RecordingSettings
 

@@ -12,16 +12,16 @@ from softfuse.cli.terminal import say
 from softfuse.estimation.stream import follow
 from softfuse.estimation.tracker import Tracker
 from softfuse.io.result_folder import writing
-from softfuse.report.recorded import Part, read_sensors, sensor_frames
+from softfuse.report.presses import Part, read_sensors, sensor_frames
 from softfuse.report.recording_report import (
     EstimateRows,
+    SmoothedRecording,
     all_errors,
     summary,
     words,
     write_report,
     write_shapes,
 )
-from softfuse.report.smoothing import SmoothedRecording
 from softfuse.report.study import Study
 from softfuse.robot.file import load
 from softfuse.robot.reduced import with_charts

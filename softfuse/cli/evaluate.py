@@ -5,16 +5,13 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.options import Quiet, out_folder
 from softfuse.cli.progress import steps
-from softfuse.cli.terminal import say
+from softfuse.cli.terminal import say, termination_interrupts
 from softfuse.experiment.paper.bed import build_bed
 from softfuse.io.result_folder import claim
-from softfuse.report.evaluated import estimates, fitted, record, sections
-from softfuse.report.evaluation import write_evaluation
-from softfuse.report.press_evaluation import PRESSES
-from softfuse.report.push_evaluation import PUSHES
+from softfuse.report.evaluation import estimates, fitted, record, sections, write_evaluation
+from softfuse.report.paper_evaluation import PRESSES, PUSHES
 from softfuse.robot.digest import digest
 from softfuse.robot.file import load
 from softfuse.robot.robot import build_robot

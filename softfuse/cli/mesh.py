@@ -13,7 +13,7 @@ from softfuse.cli.terminal import say, stdout
 from softfuse.functional.cavity import volume_within
 from softfuse.mesh.files import write_mesh
 from softfuse.mesh.quality import MeshQuality, Spread, mesh_quality
-from softfuse.mesh.surface import Surface, boundary_faces
+from softfuse.mesh.surface import boundary_faces
 from softfuse.robot.file import load
 from softfuse.robot.mesh import RobotMesh, build_mesh
 
@@ -44,7 +44,7 @@ def quality_table(name: str, chambers: list[str], made: RobotMesh) -> Table:
         table.add_row(escape(label), "", value, "")
     for chamber, surface in zip(chambers, made.cavities, strict=True):
         label = f"volume of chamber {chamber} [mm³]"
-        table.add_row(escape(label), "", f"{1e9 * _within(surface, made):.1f}", "")
+        table.add_row(escape(label), "", f"{1e9 * volume_within(surface.faces, made.mesh.nodes):.1f}", "")
     for label, spread, factor in (
         ("edges [mm]", quality.edge_length, 1e3),
         ("volume of a tetrahedron [mm³]", quality.tet_volume, 1e9),
@@ -55,20 +55,16 @@ def quality_table(name: str, chambers: list[str], made: RobotMesh) -> Table:
     return table
 
 
-def _within(surface: Surface, made: RobotMesh) -> float:
-    """Volume in m³ that a surface encloses, its edges as curved as they are."""
-    return volume_within(surface.faces, made.mesh.nodes)
-
-
 def _counts(quality: MeshQuality, made: RobotMesh) -> list[tuple[str, str]]:
     kind = "quadratic" if quality.order == 2 else "linear"
+    volume = volume_within(boundary_faces(made.mesh).faces, made.mesh.nodes)
     return [
         (f"{kind} tetrahedra", f"{quality.n_tets}"),
         ("nodes", f"{quality.n_nodes}"),
         ("corner nodes", f"{quality.n_corners}"),
         ("held nodes", f"{made.fixed.sum()}"),
         ("materials", f"{len(quality.regions)}"),
-        ("volume of the material [mm³]", f"{1e9 * _within(boundary_faces(made.mesh), made):.1f}"),
+        ("volume of the material [mm³]", f"{1e9 * volume:.1f}"),
     ]
 
 

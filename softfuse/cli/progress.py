@@ -43,9 +43,7 @@ def tracked_calls(description: str, *, total: int, quiet: bool) -> Iterator[Call
 
 @contextmanager
 def counted(description: str, *, quiet: bool) -> Iterator[Callable[[], None]]:
-    """Show how many calls of what is given have been made, of which nobody knows how many there will be, and
-    for how long.
-    """
+    """Show how many calls of what is given have been made, of an unknown number, and for how long."""
     columns = (
         SpinnerColumn(),
         TextColumn("{task.description}"),

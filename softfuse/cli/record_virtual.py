@@ -6,10 +6,9 @@ from typing import Annotated
 import platformdirs
 import typer
 
-from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.options import Quiet, out_file
 from softfuse.cli.progress import busy, tracked_calls
-from softfuse.cli.terminal import say
+from softfuse.cli.terminal import say, termination_interrupts
 from softfuse.experiment.equilibria import RobotSolver
 from softfuse.experiment.performance import performance, random_episodes
 from softfuse.experiment.recording_file import write_recording

@@ -5,7 +5,6 @@ from typing import Annotated
 
 import typer
 
-from softfuse.body.body import Body
 from softfuse.cli.options import Quiet, out_folder
 from softfuse.cli.progress import busy, tracked
 from softfuse.cli.terminal import say
@@ -13,9 +12,9 @@ from softfuse.io.result_folder import writing
 from softfuse.robot.file import load
 from softfuse.robot.reduced import Teacher, build_regions, reduction_mark
 from softfuse.robot.robot import build_robot
-from softfuse.rom.atlas import AtlasFolder
+from softfuse.rom.basis import rest_stiffness
 from softfuse.rom.reduced_model import reduced_model
-from softfuse.rom.rest_stiffness import rest_stiffness
+from softfuse.rom.rom_file import AtlasFolder
 
 
 def reduce(
@@ -33,8 +32,7 @@ def reduce(
     if missing:
         with busy("meshing", quiet=quiet):
             robot = build_robot(settings)
-            assert isinstance(robot.model.body, Body)
-            teacher = Teacher(robot, rest_stiffness(robot.model.body), regions)
+            teacher = Teacher(robot, rest_stiffness(robot.model.body.full), regions)
         for number in tracked(missing, "reducing", total=len(missing), quiet=quiet):
             chart = teacher.chart(number)
             small = reduced_model(robot.model, teacher.stiffness, chart, [*settings.places.values()])

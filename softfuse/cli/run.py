@@ -8,12 +8,11 @@ from typing import Annotated
 import typer
 from rich.live import Live
 
-from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.live_display import LiveDisplay
 from softfuse.cli.options import Charts, Quiet, out_file
 from softfuse.cli.progress import busy
 from softfuse.cli.sources import session_info, sources_of
-from softfuse.cli.terminal import say, stderr
+from softfuse.cli.terminal import say, stderr, termination_interrupts
 from softfuse.cli.view_options import Bind, SaveView, StreamPort, View, ViewPort, opened_view
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder

@@ -9,8 +9,7 @@ from softfuse.cli.options import Quiet, out_folder
 from softfuse.cli.progress import steps
 from softfuse.cli.terminal import say
 from softfuse.cli.workers import Scheduler, Workers
-from softfuse.experiment.sweep_chunk import chunks_of, solve_chunk
-from softfuse.experiment.sweep_folder import SweepFolder
+from softfuse.experiment.sweep import SweepFolder, chunks_of, solve_chunk
 from softfuse.robot.digest import digest
 from softfuse.robot.file import file_text, parse
 from softfuse.robot.press_plan import load_plan

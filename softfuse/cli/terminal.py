@@ -1,6 +1,10 @@
 """What people see: results on stdout; progress, logs and errors on stderr."""
 
 import logging
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
 
 from rich.console import Console
 
@@ -26,3 +30,17 @@ def escape_log(record: logging.LogRecord) -> bool:
     """A filter of log records that lets all pass, printable."""
     record.msg, record.args = printable(record.getMessage()), None
     return True
+
+
+@contextmanager
+def termination_interrupts() -> Iterator[None]:
+    """Within, SIGTERM raises KeyboardInterrupt as Ctrl-C does; for the main thread."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

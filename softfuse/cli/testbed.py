@@ -6,11 +6,10 @@ from typing import Annotated
 
 import typer
 
-from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.options import Quiet
 from softfuse.cli.progress import tracked
 from softfuse.cli.sources import session_info
-from softfuse.cli.terminal import say, stderr
+from softfuse.cli.terminal import say, stderr, termination_interrupts
 from softfuse.hardware.stage.firmware import Firmware, open_stage
 from softfuse.hardware.stream import HostClock, Notice
 from softfuse.hardware.testbed.gathering import ForceAxis

@@ -9,10 +9,9 @@ from typing import Annotated
 import platformdirs
 import typer
 
-from softfuse.cli.interruption import termination_interrupts
 from softfuse.cli.options import Quiet, out_file
 from softfuse.cli.progress import busy
-from softfuse.cli.terminal import say
+from softfuse.cli.terminal import say, termination_interrupts
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.performance import shown
 from softfuse.hardware.stream import HostClock

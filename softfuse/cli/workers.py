@@ -7,10 +7,10 @@ from typing import Annotated, TypeVar
 
 import typer
 
-from softfuse.cli.interruption import termination_interrupts
+from softfuse.cli.terminal import termination_interrupts
 from softfuse.computing.cluster import Piece, finished, local_cluster, remote_cluster
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.side_by_side import cores
+from softfuse.estimation.batch import cores
 
 P = TypeVar("P", bound=Piece)
 R = TypeVar("R")

@@ -153,9 +153,7 @@ def finished(client: "Client", work: Callable[[_P], _R], pieces: Sequence[_P]) -
 
 
 def prepared(wanted: str, work: Callable[[_P], _R], piece: _P) -> _R:
-    """What `work` makes of a piece in double precision; SoftfuseError when this worker has another softfuse
-    than the version that is wanted.
-    """
+    """What `work` makes of a piece in double precision; SoftfuseError unless softfuse is as `wanted` here."""
     if version("softfuse") != wanted:
         raise SoftfuseError(
             f"a worker has softfuse {version('softfuse')}, here it is {wanted}: install the same"

@@ -11,7 +11,6 @@ from softfuse.design.plan import AXES, DesignPlan
 from softfuse.errors import ConfigError
 from softfuse.mechanics.cable import PulledCable
 from softfuse.mechanics.model import Model, with_actuators
-from softfuse.mechanics.points import PointPorts
 from softfuse.robot.settings import RobotSettings
 
 
@@ -66,7 +65,6 @@ class CableRoute(eqx.Module):
         guides = iter(self.guides(theta))
 
         def moved(cable: PulledCable) -> PulledCable:
-            assert isinstance(cable.ports, PointPorts)
             return replace(cable, ports=cable.ports.moved_to(next(guides)))
 
         return with_actuators(device, PulledCable, moved)

@@ -6,8 +6,8 @@ from softfuse.design.plan import DesignPlan
 from softfuse.errors import ConfigError
 from softfuse.robot.file import Edits, Key
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.flow.sensor import FlowSettings
-from softfuse.sensors.pressure.sensor import PressureSettings
+from softfuse.sensors.flow import FlowSettings
+from softfuse.sensors.pressure.settings import PressureSettings
 
 OWN = ("name", "centre", "shift", "growth")
 """What a plan's chamber has of its own: how one was made differs from its drawing."""

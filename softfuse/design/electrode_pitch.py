@@ -118,7 +118,7 @@ def touched(
 
             return by_lines
         case MutualSettings():
-            grid = lines.grid().model
+            grid = lines.model()
 
             def by_grid(theta: Array) -> Float[Array, "s 2 2"]:
                 columns, rows = pitch.lines(theta)

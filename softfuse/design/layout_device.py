@@ -7,7 +7,6 @@ inside, such as a cable's guides, moves with the material around it.
 
 from jaxtyping import Array, Float
 
-from softfuse.body.body import Body
 from softfuse.errors import SoftfuseError
 from softfuse.mechanics.model import Model, with_body
 from softfuse.robot.layout.layout_mesh import LayoutMesh
@@ -18,9 +17,7 @@ def device_at(device: Model, mesh: LayoutMesh, theta: Float[Array, " p"]) -> Mod
 
     Raises SoftfuseError when the device's body is reduced, or was built on another mesh.
     """
-    body = device.body
-    if not isinstance(body, Body):
-        raise SoftfuseError("a reduced body cannot change its cavities: design the full one, then reduce it")
+    body = device.body.full
     if body.rest.shape != mesh.boxes.shape:
         raise SoftfuseError(
             f"the device has {len(body.rest)} nodes, the layout's mesh {len(mesh.boxes)}: build it on "

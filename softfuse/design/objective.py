@@ -5,7 +5,7 @@ what else knows the place, to σ_p, the information on (F, p) is
 
     J = Aᵀ A + diag(0, σ_p⁻², σ_p⁻²),     A = [w, B] / σ,
 
-and its inverse the covariance (`estimation.observability`). Where electrodes know the place, their
+and its inverse the covariance (`estimation.uncertainty`). Where electrodes know the place, their
 information on it (2, 2) stands for σ_p⁻². Optimal design knows several numbers of it: the mean variance
 (A-optimal), the largest (E-optimal), the volume of the ellipsoid, ln det J⁻¹ (D-optimal). Source: F.
 Pukelsheim, Optimal Design of Experiments, 1993, ch. 6.

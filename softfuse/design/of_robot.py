@@ -62,10 +62,10 @@ from softfuse.robot.robot import build_robot
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.cable_length import CableLengthSettings
 from softfuse.sensors.crossed.settings import CrossedSettings
-from softfuse.sensors.electrodes.sensor import ElectrodeSettings
-from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.electrodes import ElectrodeSettings
+from softfuse.sensors.flow import FlowSettings
 from softfuse.sensors.mutual.settings import MutualSettings
-from softfuse.sensors.pressure.sensor import PressureSettings
+from softfuse.sensors.pressure.settings import PressureSettings
 
 ShownUnits = Mapping[str, tuple[str, float]]
 """By SI unit, the unit that people read and how many of it are one; others are read as they are."""

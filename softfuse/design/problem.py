@@ -16,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.body.body import Body
 from softfuse.design.facing import Facing
 from softfuse.design.layout_device import device_at
 from softfuse.design.limits import Limit
@@ -118,8 +117,7 @@ class Problem:
         else:
             found = rest_response(device, self.places)
             by_place = jnp.zeros((*found.by_force.shape, 2))
-        body, points, facing = device.body, watched.points, watched.facing
-        assert isinstance(body, Body)
+        body, points, facing = device.body.full, watched.points, watched.facing
         motion = found.motion[:, :0]
         if points is not None:
             motion = jnp.einsum("ga,sgai->sgi", points.shape(body.rest), found.motion[:, points.nodes])

@@ -8,11 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from softfuse.body.body import Body
 from softfuse.design.facing import Facing
 from softfuse.design.straining import largest_stretch
 from softfuse.errors import SolveError
-from softfuse.estimation.side_by_side import side_by_side
+from softfuse.estimation.batch import side_by_side
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
 
@@ -56,9 +55,7 @@ def pressed(
 
     Raises SolveError where there is no equilibrium.
     """
-    body = device.body
-    if not isinstance(body, Body):
-        raise SolveError("a reduced body does not tell strains: press the full one")
+    body = device.body.full
     facing = Facing.of(np.asarray(body.rest), walls)
     rest = np.asarray(device.rest_state(places[:1]).drive)
     kind = device.contacts[0]
@@ -77,8 +74,7 @@ def pressed(
 
 @eqx.filter_jit
 def _pressed(device: Model, facing: Facing, place: Array, drive: Array) -> tuple[tuple[Array, ...], RESULTS]:
-    at, body = place[None], device.body
-    assert isinstance(body, Body)
+    at, body = place[None], device.body.full
     solution = simulate(device, at, drive)
     state, rest = solution.state, device.rest_state(at)
     reading = device.reading(state, at) - device.reading(rest, at)

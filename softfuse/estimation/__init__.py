@@ -1,3 +1,1 @@
-"""From volumes and locations to forces and shape: compliance, bounded QP, estimate step,
-nonlinear estimate.
-"""
+"""From readings and places to forces and shape: bounded QP, estimate step, nonlinear estimate."""

@@ -77,8 +77,7 @@ def solve_bounded_qp(
     upper: Float[Array, " n"],
     rows: Rows | None = None,
 ) -> tuple[Float[Array, " n"], Float[Array, ""]]:
-    """Solution (n,) and KKT residual for a positive definite q (n, n), b (n,), bounds lower ≤ upper (n,) and
-    rows.
+    """Solution (n,) and KKT residual for positive definite q (n, n), b (n,), lower ≤ upper (n,) and rows.
 
     Differentiable in all arguments where no bound is about to become active or inactive. Bounds that
     contradict each other leave a large KKT residual.

@@ -5,7 +5,6 @@ import numpy as np
 
 from softfuse.estimation.estimator import StepSettings
 from softfuse.estimation.limits import Limits
-from softfuse.robot.contacts import PatchSettings
 from softfuse.robot.robot import Robot
 
 _KILOPASCAL = 1e3
@@ -32,8 +31,8 @@ def limits_of(robot: Robot) -> Limits:
     lower, upper = (np.concatenate(each) for each in zip(*driven, (low, high), strict=True))
     regularisation = damping / np.append(np.ones(pushed), units) ** 2
     motion = settings.estimator.largest_motion
-    sigma = [each.place_sigma for each in settings.contacts if isinstance(each, PatchSettings) and each.span]
-    place = sigma[0] if sigma else None
+    lines = [each.line for each in settings.contacts if each.line]
+    place = lines[0][1] if lines else None
     strokes = None
     if any(command.of_answer for command in robot.commands):
         endless = jnp.full(len(lower), jnp.inf)

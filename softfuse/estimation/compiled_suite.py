@@ -15,8 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.estimation.kept_programs import lowered
-from softfuse.estimation.packing import Packed, Packing
+from softfuse.estimation.kept_programs import Packed, Packing, lowered
 from softfuse.sensors.suite import Observation, SensorSuite
 
 

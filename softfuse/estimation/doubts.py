@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.estimation.estimator import Estimate
-from softfuse.estimation.model_error import ModelError
-from softfuse.estimation.reading_spread import read_spread
+from softfuse.estimation.model_error import ModelError, read_spread
 from softfuse.robot.robot import Robot
 from softfuse.sensors.status import Status
 from softfuse.sensors.suite import Observation
@@ -26,9 +25,7 @@ class TrackerSettings:
 
     @classmethod
     def of(cls, robot: Robot) -> "TrackerSettings":
-        """Those that the robot's settings tell; raises SoftfuseError when the file of its spread is not that
-        of such a robot.
-        """
+        """Those of the robot's settings; SoftfuseError for the file of another robot's spread."""
         given = robot.settings.estimator
         path, readings = given.reading_spread, robot.model.n_readings
         spread = None if path is None else read_spread(path, readings)
@@ -58,9 +55,7 @@ def doubts_of(
 def _poor(
     now: Observation, sigma: Float[np.ndarray, " k"], misfit: Float[np.ndarray, " k"], part: float
 ) -> bool:
-    """Whether some misfit is beyond both what it may be, and a part of the largest reading, in standard
-    deviations.
-    """
+    """Whether a misfit is beyond what it may be and a part of the largest reading [standard deviations]."""
     if not now.valid.any():
         return False
     size = np.where(now.valid, np.abs(now.reading) / sigma, 0.0)

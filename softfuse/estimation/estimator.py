@@ -110,9 +110,7 @@ class Estimator:
         return np.asarray(self.device.body.displacement(self.state.z))
 
     def update(self, seen: Observation, limits: Limits | None = None) -> Estimate:
-        """Advance by one frame's observation within the limits of this frame; never raises for what they
-        contain.
-        """
+        """Advance by a frame's observation within this frame's limits; never raises for what they contain."""
         started = time.perf_counter()
         limits = self.limits if limits is None else limits
         renewed, carried, told = False, self._carried, None

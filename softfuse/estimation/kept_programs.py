@@ -13,26 +13,175 @@ import logging
 import os
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, fields, is_dataclass
+from enum import Enum
+from functools import cache, cached_property
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
+import numpy as np
 from jax import export
 from jaxtyping import Array
 
-from softfuse.estimation.outline import outline, tree_of
+Packed = dict[str, Array]
+"""Vectors of all leaves of a tree that share a type of number, by its name."""
 
+PACKAGE = "softfuse"
 log = logging.getLogger(__name__)
 
 _LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", "jaxopt", "lineax", "optimistix")
 """Whose code takes part in tracing."""
+
 _QUICKLY: dict[str, bool | str] = {"xla_cpu_use_fusion_emitters": False}
 """XLA's older way of fusing loops; a full body's step and the senses are no slower for it."""
+
 _HASH = hashlib.sha256().digest_size
+
+
+@dataclass(frozen=True, eq=False)
+class Packing:
+    """Where the leaves of one kind of tree, those of shapes `like`, are in its vectors."""
+
+    like: Any
+
+    @classmethod
+    def of(cls, tree: Any) -> "Packing":
+        """The packing of trees like this one of arrays or their shapes."""
+        return cls(jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype), tree))
+
+    @cached_property
+    def _structure(self) -> Any:
+        return jax.tree.structure(self.like)
+
+    @cached_property
+    def _places(self) -> list[tuple[str, int, int, tuple[int, ...], np.dtype]]:
+        """Of each leaf: the vector, its begin and end there, its shape and type."""
+        places, ends = [], {}
+        for leaf in jax.tree.leaves(self.like):
+            kind, start = str(leaf.dtype), ends.get(str(leaf.dtype), 0)
+            ends[kind] = start + int(np.prod(leaf.shape))
+            places.append((kind, start, ends[kind], leaf.shape, np.dtype(leaf.dtype)))
+        return places
+
+    @property
+    def vectors(self) -> dict[str, jax.ShapeDtypeStruct]:
+        """The shapes of the vectors."""
+        ends = {kind: end for kind, _, end, *_ in self._places}
+        return {kind: jax.ShapeDtypeStruct((end,), kind) for kind, end in ends.items()}
+
+    def pack(self, tree: Any, of: Any = jnp) -> Packed:
+        """The vectors of a tree, by functions `of` jax.numpy or numpy; raises ValueError for a tree of
+        another kind.
+        """
+        leaves = self._structure.flatten_up_to(tree)
+        gathered: dict[str, list[Array]] = {}
+        for leaf, (kind, _, _, shape, dtype) in zip(leaves, self._places, strict=True):
+            if leaf.shape != shape or leaf.dtype != dtype:
+                raise ValueError(
+                    f"a leaf of {leaf.dtype}{list(leaf.shape)} where {kind}{list(shape)} is kept"
+                )
+            # Of an array of JAX, numpy's view costs less than a reshape.
+            gathered.setdefault(kind, []).append(of.asarray(leaf).reshape(-1))
+        return {kind: of.concatenate(parts) for kind, parts in gathered.items()}
+
+    def unpack(self, packed: Packed | dict[str, np.ndarray]) -> Any:
+        """The tree that was packed."""
+        leaves = [packed[kind][start:end].reshape(shape) for kind, start, end, shape, _ in self._places]
+        return self._structure.unflatten(leaves)
+
+
+def outline(tree: Any) -> Any:
+    """What a tree is made of, as JSON: its classes and what they hold, arrays by a hash of their values.
+
+    Of dataclasses, named tuples, tuples, lists, dictionaries, enumerations, numbers, strings, functions,
+    arrays and shapes of arrays. Where shapes stand for arrays, trees of the same outline make the same
+    program, as long as classes and functions of the same name are the same: so only those of softfuse have
+    one. A tree without arrays is found again from its outline.
+
+    Raises TypeError for anything else, and for classes and functions that are not softfuse's.
+    """
+    if isinstance(tree, Enum):
+        return {"one of": _name(type(tree)), "is": tree.name}
+    if tree is None or isinstance(tree, bool | int | float | str) and not isinstance(tree, np.generic):
+        return tree
+    if isinstance(tree, jax.ShapeDtypeStruct):
+        return {"shape": _kind(tree)}
+    if isinstance(tree, jax.Array | np.ndarray | np.generic):
+        values = hashlib.sha256(np.ascontiguousarray(tree).tobytes()).hexdigest()
+        return {"jax" if isinstance(tree, jax.Array) else "numpy": [*_kind(tree), values]}
+    if isinstance(tree, FunctionType | type):
+        return {"name": _name(tree)}
+    if isinstance(tree, dict):
+        return {"dict": [[outline(key), outline(value)] for key, value in tree.items()]}
+    if type(tree) in (tuple, list):
+        return {type(tree).__name__: [outline(each) for each in tree]}
+    if is_dataclass(tree):
+        names = [field.name for field in fields(tree)]
+    elif isinstance(tree, tuple):
+        names = type(tree).__dict__.get("_fields", ())
+    else:
+        raise TypeError(f"{type(tree).__module__}.{type(tree).__qualname__} has no outline")
+    return {"class": _name(type(tree)), "holds": [[name, outline(getattr(tree, name))] for name in names]}
+
+
+def tree_of(outlined: Any) -> Any:
+    """The tree, without arrays and functions, of an outline. Raises ValueError for any other outline."""
+    if not isinstance(outlined, dict):
+        return outlined
+    match outlined:
+        case {"shape": [kind, shape, weak]}:
+            return jax.ShapeDtypeStruct(tuple(shape), np.dtype(kind), weak_type=weak)
+        case {"one of": name, "is": member}:
+            return _class(name)[member]
+        case {"dict": list(items)}:
+            return {tree_of(key): tree_of(value) for key, value in items}
+        case {"tuple": list(parts)}:
+            return tuple(map(tree_of, parts))
+        case {"list": list(parts)}:
+            return list(map(tree_of, parts))
+        case {"class": name, "holds": list(held)}:
+            return _holding(_class(name), {key: tree_of(value) for key, value in held})
+    raise ValueError(f"no outline of a tree: {str(outlined)[:80]}")
+
+
+def _kind(array: Any) -> list:
+    return [np.dtype(array.dtype).str, list(array.shape), bool(getattr(array, "weak_type", False))]
+
+
+def _name(thing: Callable) -> str:
+    """Where softfuse has a class or function."""
+    name = f"{thing.__module__}:{thing.__qualname__}"
+    if thing.__module__.split(".")[0] != PACKAGE or "<" in name:
+        raise TypeError(f"{name} is not a class or function of {PACKAGE} itself")
+    return name
+
+
+def _class(name: str) -> Any:
+    module, _, path = name.partition(":")
+    if module.split(".")[0] != PACKAGE:
+        raise ValueError(f"{name} is not a class of {PACKAGE}")
+    found: Any = import_module(module)
+    for part in path.split("."):
+        found = getattr(found, part)
+    if not isinstance(found, type):
+        raise ValueError(f"{name} is not a class")
+    return found
+
+
+def _holding(kind: type, held: dict[str, Any]) -> Any:
+    if issubclass(kind, tuple):
+        return kind(**held)
+    # As it was, not as a constructor would make it.
+    made = object.__new__(kind)
+    for name, value in held.items():
+        object.__setattr__(made, name, value)
+    return made
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """The programs of a live step, compiled ahead, and what goes from frame to frame between them.
 
-A frame costs what its arrays cost, see `compiled_senses`: what a frame brings and what its step reports
+A frame costs what its arrays cost, see `compiled_suite`: what a frame brings and what its step reports
 travel packed, and what does not change from frame to frame is handed over once. What stays in between, the
 state, the factor and the forces that the body answers with in it, stays where it was computed. These forces
 are found at a step's end, together with the volumes there, for both need the body's strains.
@@ -19,9 +19,8 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from softfuse.errors import SolveError
-from softfuse.estimation.kept_programs import lowered
+from softfuse.estimation.kept_programs import Packed, Packing, lowered
 from softfuse.estimation.limits import Limits
-from softfuse.estimation.packing import Packed, Packing
 from softfuse.estimation.step import Observation, PlacePrior, StepReport, estimate_step
 from softfuse.mechanics.linearised import loaded_tangents
 from softfuse.mechanics.model import Model

@@ -2,15 +2,89 @@
 it does not know of its parameters.
 """
 
+import zipfile
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from softfuse.estimation.reading_spread import ReadingSpread
+from softfuse.errors import SoftfuseError
+
+_ARRAYS = ("x_m", "y_m", "by_parameters")
 
 FLOOR = 0.03
 """A reading that is smaller than this part of the largest one is missed as if it were that large."""
+
+_LARGEST_RATIO = 2.0
+"""Beyond so many times the strokes that it was learned at, the offset is not extrapolated [-]."""
+
+_LEAST_STROKE_M = 1e-5
+"""Strokes of a smaller norm are none: what is left of them is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReadingSpread:
+    """By how much readings are uncertain because a device's parameters are: of one contact at each place of a
+    grid of x (a,) and y (b,) [m], over its force: `by_parameters` (a, b, k, p): A [1/N]; readings in SI.
+
+    Parameters of covariance B Bᵀ, on which readings depend with slopes J (k, p), make them uncertain by A Aᵀ,
+    A = J B, taken to be linear in the force and between the places: contacts (c,) with forces F_c at places
+    p_c have A = Σ_c F_c a(p_c), since all depend on the same parameters.
+    """
+
+    x_m: Float[np.ndarray, " a"]
+    y_m: Float[np.ndarray, " b"]
+    by_parameters: Float[np.ndarray, "a b k p"]
+
+    def covariance(
+        self,
+        places: Float[np.ndarray, "c 3 3"],
+        force_N: Float[np.ndarray, " c"],
+    ) -> Float[np.ndarray, "k k"]:
+        """Covariance (k, k) of readings for places (c, 3, 3), forces (c,) N; beyond the grid the border's."""
+        share, i, j = self._corners(places)
+        a = np.einsum("qc,qckp->kp", share * force_N, self.by_parameters[i, j])
+        return a @ a.T
+
+    def _corners(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The four corners of the cells that places (c, 3, 3) are in: their shares and numbers (4, c)."""
+        (i, s), (j, t) = (_between(grid, places[:, 0, k]) for k, grid in enumerate((self.x_m, self.y_m)))
+        share = np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
+        return share, np.stack([i, i + 1, i, i + 1]), np.stack([j, j, j + 1, j + 1])
+
+
+def _between(grid: Float[np.ndarray, " g"], at: Float[np.ndarray, " c"]) -> tuple[np.ndarray, np.ndarray]:
+    """The interval (c,) of a grid that places are in, and how far along it (c,), 0 to 1."""
+    inside = np.clip(at, grid[0], grid[-1])
+    k = np.clip(np.searchsorted(grid, inside, side="right") - 1, 0, len(grid) - 2)
+    return k, (inside - grid[k]) / (grid[k + 1] - grid[k])
+
+
+def write_spread(path: Path, spread: ReadingSpread, **others: np.ndarray) -> None:
+    """Write a spread, and arrays that it comes from, as a file of arrays (.npz)."""
+    with path.open("wb") as stream:
+        arrays: Any = {name: getattr(spread, name) for name in _ARRAYS} | others
+        np.savez_compressed(stream, **arrays)
+
+
+def read_spread(path: Path, readings: int) -> ReadingSpread:
+    """The spread in a file, of a device with so many readings.
+
+    Raises SoftfuseError, which names the file, when it holds none, or another device's.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            x, y, by_parameters = (np.asarray(arrays[name], float) for name in _ARRAYS)
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
+        raise SoftfuseError(f"{path}: holds no spread of readings: calibrate again ({error})") from error
+    grid = (len(x), len(y), readings)
+    shaped = by_parameters.shape[:3] == grid and by_parameters.ndim == 4
+    whole = all(np.isfinite(each).all() for each in (x, y, by_parameters))
+    if not (shaped and whole and min(len(x), len(y)) >= 2):
+        raise SoftfuseError(f"{path}: no spread of {readings} readings over a grid: calibrate again")
+    return ReadingSpread(x, y, by_parameters)
 
 
 def missed(
@@ -87,3 +161,34 @@ def whitening(
     on = np.ix_(valid, valid)
     inverse[on] = np.linalg.inv(np.linalg.cholesky(covariance[on]))
     return inverse
+
+
+@dataclass(frozen=True, eq=False)
+class ModelOffset:
+    """What the model misses while nothing is near: learned then, and taken off the readings of a touch.
+
+    The offset b₀ (k,) of the readings, in their units, learned at strokes of norm |c₀| [m]. A body that is
+    not quite its model answers its cables with other readings. While nothing is near, the difference is seen
+    with no contact's force in it. It grows with the cables' strokes c, so that later b = b₀ |c| / |c₀|. It
+    also holds what the sensors' zeros are off.
+    """
+
+    reading: Float[np.ndarray, " k"]
+    stroke: float
+
+    @classmethod
+    def none(cls, readings: int) -> "ModelOffset":
+        """Nothing has been learned of so many readings."""
+        return cls(np.zeros(readings), 0.0)
+
+    def at(self, stroke: float) -> Float[np.ndarray, " k"]:
+        """b (k,) at strokes of a norm in m; b₀ where nothing was pulled when it was learned."""
+        ratio = stroke / self.stroke if self.stroke > _LEAST_STROKE_M else 1.0
+        return self.reading * min(ratio, _LARGEST_RATIO)
+
+    def learned(
+        self, misfit: Float[np.ndarray, " k"], known: Bool[np.ndarray, " k"], stroke: float, share: float
+    ) -> "ModelOffset":
+        """With a share [-] of measured minus modelled readings (k,) in it; those not known keep theirs."""
+        before = self.at(stroke)
+        return ModelOffset(np.where(known, before + share * (misfit - before), before), stroke)

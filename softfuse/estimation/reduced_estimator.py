@@ -17,18 +17,15 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from softfuse.body.body import Body
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimate, Estimator, StepSettings
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.live_step import Ready
 from softfuse.estimation.step import Observation
 from softfuse.mechanics.solution import State
-from softfuse.rom.atlas import Atlas
-from softfuse.rom.body_arrays import of_nodes
-from softfuse.rom.reduced_body import ReducedBody
-from softfuse.rom.rest_stiffness import RestStiffness, rest_stiffness
-from softfuse.rom.rom_file import Kept
+from softfuse.rom.basis import RestStiffness, rest_stiffness
+from softfuse.rom.projection import of_nodes
+from softfuse.rom.rom_file import Atlas, Kept
 
 log = logging.getLogger(__name__)
 
@@ -67,7 +64,6 @@ class ReducedEstimator:
 
         Raises SolveError as `Estimator` does, and SoftfuseError when the first chart cannot be read.
         """
-        assert isinstance(atlas.full.body, Body)
         self.device, self.limits, self._atlas = atlas.full, limits, atlas
         self._small = Estimator(atlas.chart(0).device, limits, places, settings, places_known=places_known)
         self.compile_s = self._small.compile_s
@@ -79,16 +75,13 @@ class ReducedEstimator:
         self._forget()
 
     def _prepare(self) -> _Aside:
-        """Begin to make ready, if that has not begun, the full body's estimator and stiffness and then all
-        charts.
-        """
+        """Begin, if need be, to make ready the full body's estimator and stiffness and then all charts."""
         if self._aside is None:
             full, thread = self._atlas.full, ThreadPoolExecutor(1)
-            assert isinstance(full.body, Body)
             ready = thread.submit(
                 Estimator, full, self.limits, self._places, self._settings, places_known=self._places_known
             )
-            self._aside = _Aside(ready, thread.submit(rest_stiffness, full.body))
+            self._aside = _Aside(ready, thread.submit(rest_stiffness, full.body.full))
             for number in range(len(self._atlas.regions)):
                 thread.submit(self._of, number)
             thread.shutdown(wait=False)
@@ -123,15 +116,12 @@ class ReducedEstimator:
     def displacement(self) -> Float[np.ndarray, "k 3"]:
         """Displacements (k, 3) m of all nodes after the last frame."""
         if self._on_full or self._number is None:
-            body, z = self.device.body, np.asarray(self.state.z)
-            assert isinstance(body, Body)
+            body, z = self.device.body.full, np.asarray(self.state.z)
             return of_nodes(body, np.arange(body.n_nodes), z[: body.n_displacements, None])[:, :, 0]
         return self._atlas.chart(self._number).displacement(np.asarray(self._small.state.z))
 
     def update(self, seen: Observation, limits: Limits | None = None) -> Estimate:
-        """Advance by one frame's observation within the limits of this frame; never raises for what they
-        contain.
-        """
+        """Advance by a frame's observation within this frame's limits; never raises for what they contain."""
         started = time.perf_counter()
         limits = self.limits if limits is None else limits
         places = np.asarray(seen.places)
@@ -198,7 +188,6 @@ class ReducedEstimator:
 
     def _told_by_last(self, kept: Kept, z: Float[np.ndarray, " r"]) -> float:
         """The largest displacement [m] that a chart's last modes make at amplitudes z (r,)."""
-        assert isinstance(kept.device.body, ReducedBody)
         return float(np.max(np.abs(kept.displacement(z, kept.device.body.last_modes))))
 
     def _near(self, number: int, z: Float[np.ndarray, " r"], whole: Float[np.ndarray, " n"]) -> bool:

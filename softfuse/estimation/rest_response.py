@@ -12,6 +12,7 @@ solve is differentiated.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -22,6 +23,7 @@ from softfuse.functional.chart import moved
 from softfuse.mechanics.interface import slopes
 from softfuse.mechanics.linear_solver import Solve
 from softfuse.mechanics.linearised import Coupled, coupled, linearise, settled_on, unbalanced
+from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.newton import tangent_at
 from softfuse.mechanics.solution import State
@@ -80,9 +82,7 @@ def _still(device: Model, places: Array) -> tuple[Model, Solve]:
 
 
 class Press(eqx.Module):
-    """A press at a place on a device, under the weight of what presses, which tells what touches; `system` is
-    M.
-    """
+    """A press on a device, under the weight of what presses, which tells what touches; M: `system`."""
 
     device: Model
     place: Array
@@ -93,9 +93,7 @@ class Press(eqx.Module):
 
     @classmethod
     def at(cls, device: Model, still: Model, inverse: Solve, place: Array, held: State) -> "Press":
-        """On a device whose body and actuators are in the state `held`; `still`: the same without
-        derivatives, `inverse`: K⁻¹ there.
-        """
+        """On a device in the state `held`; `still`: the same without derivatives, `inverse`: K⁻¹ there."""
         loads = still.loads(place[None])
         begun = zip(loads.parts[0].start(), (held.force, held.internal, held.drive), strict=True)
         rest = State(held.z, *(jnp.concatenate(each) for each in begun))
@@ -163,3 +161,31 @@ class Press(eqx.Module):
         q = self.state.force.shape[0]
         force = dx[:q] - self.supports * (self.system.pushed.T @ dz)
         return State(dz, force, dx[q:], jnp.zeros_like(self.state.drive))
+
+
+@eqx.filter_jit
+def push_response(
+    model: Model, places: Float[Array, "s 3 3"], state: State, slot: int = 0
+) -> Float[Array, "s k"]:
+    """Readings per newton (s, k) [SI/N] of what the contact `slot` is, at places (s, 3, 3), each alone on the
+    robot as its actuators hold it in a state.
+    """
+    loads = Loads(model.actuators)
+    sizes = loads.sizes
+    own = (
+        each[each.shape[0] - count :]
+        for each, count in (
+            (state.force, sizes.forces),
+            (state.internal, sizes.internal),
+            (state.drive, sizes.drives),
+        )
+    )
+    held = State(state.z, *own)
+    inverse = tangent_at(model.linear, model.body, loads, held)
+    alone = replace(model, contacts=(model.kinds(slot + 1)[slot],), slots=())
+
+    def one(place):
+        press = Press.at(alone, alone, inverse, place, held)
+        return press.felt(press.answer()).by_force
+
+    return jax.lax.map(one, places)

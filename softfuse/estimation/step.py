@@ -216,9 +216,7 @@ def estimate_step(
     refinements: int = 2,
     resistance: Float[Array, " n"] | None = None,
 ) -> tuple[State, StepReport]:
-    """The live step: one `advance` with a factor of a tangent not far from here, of the solver that made it.
-    Pure; compiled once.
-    """
+    """The live step: an `advance` with a factor of a nearby tangent, by its solver. Pure; compiled once."""
 
     def inverse(b):
         return device.linear.solve(factor, b)
@@ -229,9 +227,7 @@ def estimate_step(
 def exact_steps(
     device: Model, limits: Limits, state: State, seen: Observation, *, steps: int
 ) -> tuple[State, StepReport]:
-    """`steps` estimate steps, each with the tangent of its own state; differentiable in everything, through
-    all steps.
-    """
+    """`steps` estimate steps, each with its state's tangent; differentiable in everything, through all."""
 
     def step(carry, _):
         state, seen = carry

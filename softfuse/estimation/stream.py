@@ -34,8 +34,7 @@ def follow(
 ) -> Iterator[Estimate]:
     """The estimates of those frames that are wanted, in order; without a smoother nothing is smoothed.
 
-    `frames`: each frame, and whether it is wanted. The next one is asked for when an estimate has been dealt
-    with.
+    `frames`: each frame, and whether it is wanted. The next is asked for once an estimate is dealt with.
     """
     for frame, wanted in frames:
         started = time.perf_counter()

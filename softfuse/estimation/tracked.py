@@ -6,7 +6,7 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import Bool, Float
 
-from softfuse.sensors.reading_drift import ReadingDrift
+from softfuse.sensors.zero_drift import ReadingDrift
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +159,7 @@ class Tracked:
 
     @property
     def residual(self) -> float:
-        """Root mean square misfit [standard deviations] of the readings that took part; NaN without an
-        estimate.
-        """
+        """Root mean square misfit [standard deviations] of readings with a part; NaN without an estimate."""
         known = np.isfinite(self.misfit)
         return (
             float(np.sqrt(np.mean((self.misfit[known] / self.sigma[known]) ** 2))) if known.any() else np.nan

@@ -2,13 +2,14 @@
 
 The sensors decide what touches and where; each frame's readings drive one estimate step, in which only those
 contacts may press that touch. What no sensor sees is told by readings that nothing else explains
-(`touch_by_readings`). While nothing touches a robot without actuators, its body is taken to rest. What the
-model misses while nothing is near is taken off the readings of the touch that follows (`model_offset`). What
+(`unseen_touch`). While nothing touches a robot without actuators, its body is taken to rest. What the
+model misses while nothing is near is taken off the readings of the touch that follows (`model_error`). What
 cannot be trusted gets a status, and a number that would be a guess is NaN. Nothing here is threaded, but for
 compiling, or reads files; `hardware` does that.
 """
 
 import time
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import NamedTuple
@@ -23,23 +24,26 @@ from softfuse.estimation.compiled_suite import CompiledSuite, Finding
 from softfuse.estimation.doubts import TrackerSettings, doubts_of
 from softfuse.estimation.estimator import Estimate, Estimator
 from softfuse.estimation.limits import Limits
-from softfuse.estimation.model_error import AS_DRAWN, ModelError, whitening
-from softfuse.estimation.model_offset import ModelOffset
+from softfuse.estimation.model_error import AS_DRAWN, ModelError, ModelOffset, whitening
 from softfuse.estimation.place_search import Placed, PlaceSearch, Seen, as_seen
-from softfuse.estimation.posterior import posterior_covariance
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation as Aim
 from softfuse.estimation.tracked import Evidence, Frame, Tracked, along
+from softfuse.estimation.uncertainty import posterior_covariance
 from softfuse.estimation.unseen_touch import UnseenTouch
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
 from softfuse.robot.robot import Robot
-from softfuse.rom.atlas import Atlas
+from softfuse.rom.rom_file import Atlas
 from softfuse.sensors.status import Status
 from softfuse.sensors.suite import Observation
 
 _AT_LEISURE_S = 2.0
 """After so long there is time to make ready what most touches do without."""
+
+_KINDS: Mapping[type, Callable[..., Estimator | ReducedEstimator]]
+_KINDS = {Model: Estimator, Atlas: ReducedEstimator}
+"""Estimators by what they estimate with."""
 
 
 class _Estimated(NamedTuple):
@@ -81,11 +85,7 @@ class Tracker:
         known = all(workspace is None for workspace in robot.workspaces)
         with ThreadPoolExecutor(1) as aside:
             self._suite = CompiledSuite(robot.suite, aside)
-            self.estimator: Estimator | ReducedEstimator
-            if isinstance(model, Atlas):
-                self.estimator = ReducedEstimator(model, limits, places, steps, places_known=known)
-            else:
-                self.estimator = Estimator(model, limits, places, steps, places_known=known)
+            self.estimator = _KINDS[type(model)](model, limits, places, steps, places_known=known)
         self._search = None if known else PlaceSearch(robot.workspaces)
         self._misses = self._search is not None and (robot.suite.misses or robot.unseen.any())
         self.compile_s = time.perf_counter() - started
@@ -337,9 +337,7 @@ class Tracker:
         return replace(AS_DRAWN, kind=given.kind) if given.part == 0 and self._search and alone else given
 
     def _told(self, seen: Seen) -> Bool[np.ndarray, " c"]:
-        """Contacts (c,) whose places readings tell: of a model about whose errors nothing is known, only of
-        those that nothing else sees.
-        """
+        """Contacts (c,) whose places readings tell: unseen ones, and all where the model's error is known."""
         return seen.unseen | (self.settings.model_error.part > 0)
 
     def _of_contacts(self, flags: Bool[np.ndarray, " c"]) -> Bool[np.ndarray, " d"]:

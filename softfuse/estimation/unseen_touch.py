@@ -1,29 +1,187 @@
-"""A contact that no sensor sees, followed by what readings say that nothing else explains.
+"""A contact that no sensor sees: whether and where readings say that something presses.
+
+A press with a small force F at a place p changes the readings by F w(p), w = ∂s/∂F of the robot as it is
+(`push_response`). Of readings y that nothing else explains, with errors of covariance L Lᵀ, the place where
+
+    χ²(p) = min over F ≥ 0 of |L⁻¹ (y − F w(p))|²
+
+is least explains them best. That is rough, as under larger forces patterns change, but it finds the region
+from which the estimate's own steps go on to the place itself, and tells of others that the readings do not
+rule out: presses there have a share of exp(−χ²/2) over that of all.
 
 Unexplained is what is read minus what the model would read if nothing pressed: in frames in which nothing
 does that is its reading, later the same and what actuators have added since.
 """
 
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from softfuse.estimation.estimator import Estimate, Estimator
-from softfuse.estimation.pattern_search import PatternSearch
-from softfuse.estimation.reading_pattern import PatternFit
+from softfuse.estimation.model_error import missed, whitening
 from softfuse.estimation.reduced_estimator import ReducedEstimator
-from softfuse.estimation.touch_by_readings import TouchByReadings
+from softfuse.estimation.rest_response import push_response
 from softfuse.robot.robot import Robot
+
+_CHANGED = 0.05
+"""Part of a reading by which the pattern of a small force may be off that of a large one."""
+_CLEARLY = 9.0
+"""By how much χ² has to be less elsewhere for the search to begin anew there."""
+
+_SIDE = 13
+"""Places along each side of a workspace that are compared with readings."""
+
+_POSTURE_CHANGED = 0.05
+"""Part of an actuator's range by which it may move before patterns are computed anew."""
+
+
+def offsets(place: Float[np.ndarray, "3 3"], others: Float[np.ndarray, "s 3 3"]) -> Float[np.ndarray, "s 2"]:
+    """How far others (s, 3, 3) are from a place (3, 3), along its tangents (s, 2) [m]."""
+    return (others[:, 0] - place[0]) @ place[1:].T
+
+
+def pattern_fit(
+    places: Float[np.ndarray, "s 3 3"],
+    pitch_m: Float[np.ndarray, "2"],
+    slope: Float[np.ndarray, "s k"],
+    reading: Float[np.ndarray, " k"],
+    covariance: Float[np.ndarray, "k k"],
+    valid: Bool[np.ndarray, " k"],
+    kind: Int[np.ndarray, " k"] | None = None,
+) -> "PatternFit":
+    """How well a press at each place (s, 3, 3), `pitch_m` (2,) apart, with readings per newton (s, k) [SI/N]
+    explains valid readings (k,) of a covariance (k, k) and of so many kinds (k,), see `model_error.missed`.
+    """
+    reading = np.where(valid, reading, 0.0)
+    white = whitening(covariance + np.diag(missed(reading, _CHANGED, kind) ** 2), valid)
+    seen, slope = white @ reading, slope @ white.T
+    size = np.maximum(np.sum(slope**2, axis=1), np.finfo(float).tiny)
+    force = np.maximum(slope @ seen, 0.0) / size
+    return PatternFit(places, pitch_m, force, seen @ seen - force**2 * size, float(seen @ seen))
+
+
+class Elsewhere(NamedTuple):
+    """What share [-] presses elsewhere have, and the mean squares of how far places, along the estimate's
+    tangents (2,) [m²], and the force [N²] of these are from the estimate.
+    """
+
+    share: float
+    place_m2: Float[np.ndarray, "2"]
+    force_N2: float
+
+
+@dataclass(frozen=True, eq=False)
+class PatternFit:
+    """The force (s,) [N] that explains readings best at each place (s, 3, 3), `pitch_m` (2,) apart, and its
+    χ² (s,); and χ² without any.
+    """
+
+    place: Float[np.ndarray, "s 3 3"]
+    pitch_m: Float[np.ndarray, "2"]
+    force_N: Float[np.ndarray, " s"]
+    missing: Float[np.ndarray, " s"]
+    unexplained: float
+
+    @property
+    def best(self) -> int:
+        """The number of the place that explains them best."""
+        return int(np.argmin(self.missing))
+
+    def better(self, place: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"] | None:
+        """The best place (3, 3), None where it is not clearly better than another one (3, 3)."""
+        here = np.argmin(np.sum((self.place[:, 0] - place[0]) ** 2, axis=1))
+        return self.place[self.best] if self.missing[here] - self.missing[self.best] > _CLEARLY else None
+
+    def elsewhere(self, place: Float[np.ndarray, "3 3"], force_N: float) -> Elsewhere:
+        """Presses that explain readings too, beyond a pitch from one at a place (3, 3) with a force [N]."""
+        off = offsets(place, self.place)
+        away = np.linalg.norm(self.place[:, 0] - place[0], axis=1) > np.linalg.norm(self.pitch_m)
+        away |= np.any(np.abs(off) > self.pitch_m, axis=1)
+        part = np.exp(-0.5 * (self.missing - self.missing.min()))
+        part = np.where(away, part / part.sum(), 0.0)
+        share = part.sum()
+        part = part / max(share, np.finfo(float).tiny)
+        return Elsewhere(float(share), part @ off**2, float(part @ (self.force_N - force_N) ** 2))
+
+
+@dataclass(frozen=True)
+class TouchSettings:
+    """When a touch begins and ends.
+
+    It begins when a press somewhere on the surface explains the readings better than none by more than
+    `on_chi2`, in `on_frames` frames in a row, and leaves less than `left` of what nothing had explained: what
+    no press explains is the model's error, not a touch. It ends when its force has been within `off_sigma`
+    standard deviations of 0 for `off_frames` frames.
+    """
+
+    on_chi2: float = 36.0
+    on_frames: int = 3
+    left: float = 0.5
+    off_sigma: float = 2.0
+    off_frames: int = 5
+
+
+class TouchByReadings:
+    """Follows one contact that readings alone tell of."""
+
+    def __init__(self, settings: TouchSettings = TouchSettings()):
+        """Nothing touches."""
+        self._settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self.touching, self._frames = False, 0
+
+    def begins(self, fit: PatternFit) -> bool:
+        """Whether it touches after a frame in which nothing did, with what presses all over would explain."""
+        left = fit.missing[fit.best]
+        told = (
+            fit.unexplained - left > self._settings.on_chi2 and left < self._settings.left * fit.unexplained
+        )
+        return self._counted(told, self._settings.on_frames)
+
+    def ends(self, force_N: float, sigma_N: float) -> bool:
+        """Whether it has gone after a frame in which it pressed with such a force, so surely known."""
+        gone = not force_N > self._settings.off_sigma * sigma_N
+        return not self._counted(gone, self._settings.off_frames)
+
+    def _counted(self, changes: bool, frames: int) -> bool:
+        self._frames = self._frames + 1 if changes else 0
+        if self._frames >= frames:
+            self.touching, self._frames = not self.touching, 0
+        return self.touching
+
+
+class _Pattern(NamedTuple):
+    """Where presses of the contact `slot` are looked for: places (s, 3, 3), `pitch_m` (2,) apart, and
+    readings per newton there (s, k) of the robot at rest.
+    """
+
+    places: Float[np.ndarray, "s 3 3"]
+    pitch_m: Float[np.ndarray, "2"]
+    slot: int
+    slopes: Float[np.ndarray, "s k"]
 
 
 class UnseenTouch:
-    """Follows what readings alone tell of the contacts on a robot."""
+    """Follows what readings alone tell of the contacts on a robot.
+
+    Readings are compared with presses all over the surface that the first contact may be on which no sensor
+    sees, or the first with a workspace; slopes are those of the body as it stands, kept while it does.
+    """
 
     def __init__(
         self, robot: Robot, estimator: Estimator | ReducedEstimator, attached_range: Float[np.ndarray, " a"]
     ):
         """`attached_range` (a,): how far what is attached, such as actuators, may be driven, in its units."""
-        self._patterns, self._touch = PatternSearch(robot, estimator), TouchByReadings()
-        self._readings, self._range = estimator.device.n_readings, attached_range
+        self._robot, self._estimator, self._range = robot, estimator, attached_range
+        self._touch, self._pattern = TouchByReadings(), None
+        self._readings = estimator.device.n_readings
         self.alone = bool(robot.unseen.any())
         """Whether there is a contact that no sensor ever sees."""
         self.slot = int(np.argmax(robot.unseen))
@@ -32,7 +190,8 @@ class UnseenTouch:
 
     def reset(self) -> None:
         """Forget the past: nothing has been read, nothing touches."""
-        self._patterns.reset()
+        self._slopes: Float[np.ndarray, "s k"] | None = None
+        self._posture = np.zeros(0)
         self._unpressed, self._attached = np.zeros(self._readings), np.zeros(len(self._range))
         self.lose()
 
@@ -42,9 +201,23 @@ class UnseenTouch:
         self._unexplained = np.full(self._readings, np.nan)
         self._uncertain = np.zeros((self._readings, self._readings))
 
-    def prepare(self) -> None:
-        """Begin to compute what finds such contacts, which takes some seconds."""
-        self._patterns.prepare()
+    def prepare(self) -> Future[_Pattern]:
+        """Find places and what presses there do at rest; begun on a thread of its own: it takes seconds."""
+        if self._pattern is None:
+            thread = ThreadPoolExecutor(1)
+            self._pattern = thread.submit(self._patterned)
+            thread.shutdown(wait=False)
+        return self._pattern
+
+    def _patterned(self) -> _Pattern:
+        robot, model = self._robot, self._estimator.device
+        flags = robot.unseen if robot.unseen.any() else [each is not None for each in robot.workspaces]
+        slot = int(np.argmax(flags))
+        workspace = robot.workspaces[slot]
+        assert workspace is not None  # the tracker has told
+        places, pitch = workspace.grid(_SIDE)
+        slopes = np.asarray(push_response(model, jnp.asarray(places), model.rest_state(()), slot))
+        return _Pattern(places, pitch, slot, slopes)
 
     @property
     def touching(self) -> bool:
@@ -62,9 +235,7 @@ class UnseenTouch:
         self._uncertain = uncertain
 
     def model(self, modelled: Float[np.ndarray, " k"], found: Estimate, contact_drives: int) -> None:
-        """What the model reads (k,) of an estimate whose first `contact_drives` drives are those of
-        contacts.
-        """
+        """What the model reads (k,) of an estimate whose first `contact_drives` drives are contacts'."""
         force, attached = np.split(np.asarray(found.drive), [contact_drives])
         by_drive = np.asarray(found.report.compliance)[:, contact_drives:]
         added = self._unpressed + by_drive @ (attached - self._attached)
@@ -73,12 +244,26 @@ class UnseenTouch:
         self._unexplained = self._unexplained + before - self._unpressed
 
     def fit(self, *, fresh: bool) -> PatternFit:
-        """How well presses all over explain what nothing else did in the last frame; `fresh`: in which
-        nothing pressed.
+        """How well presses all over explain what nothing else did in the last frame; where actuators have
+        moved, slopes are computed anew while the body is `fresh`: nothing pressed in it.
         """
-        free = self._range > 0
-        return self._patterns.fit(
-            self._attached[free] / self._range[free], self._unexplained, self._uncertain, fresh=fresh
+        pattern, free = self.prepare().result(), self._range > 0
+        posture = self._attached[free] / self._range[free]
+        if self._slopes is None:
+            self._slopes, self._posture = pattern.slopes, np.zeros_like(posture)
+        if fresh and np.any(np.abs(posture - self._posture) > _POSTURE_CHANGED):
+            places, of = jnp.asarray(pattern.places), self._estimator
+            self._slopes = np.asarray(push_response(of.device, places, of.state, pattern.slot))
+            self._posture = posture
+        reading, kinds = self._unexplained, self._robot.reading_kinds
+        return pattern_fit(
+            pattern.places,
+            pattern.pitch_m,
+            self._slopes,
+            reading,
+            self._uncertain,
+            np.isfinite(reading),
+            kinds,
         )
 
     def follow(self, force_N: float, sigma_N: float, *, seen: bool, pressed: bool) -> None:

@@ -6,15 +6,12 @@ An episode begins and ends at rest, with nothing near.
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from softfuse.errors import ConfigError
 from softfuse.functional.chart import moved
-from softfuse.functional.workspace import FlatWorkspace
 from softfuse.robot.robot import Robot
-from softfuse.sensors.electrodes.sensor import SingleElectrodes
 
 Place = tuple[tuple[float, float, float], ...]
 """Point [m] and tangents of a place, see `functional.chart`."""
@@ -36,9 +33,7 @@ _TRIES = 100
 
 @dataclass(frozen=True)
 class Touch:
-    """What presses: the name of the contact, its place on the body at rest, the increasing forces [N] at
-    which it rests.
-    """
+    """What presses: its contact, its place on the body at rest, increasing forces [N] at which it rests."""
 
     contact: str
     place: Place
@@ -126,17 +121,15 @@ def _places(
 def _place(robot: Robot, contact: str, rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
     """A place (3, 3) at random where it may press: in its workspace, or on an electrode."""
     workspace = robot.workspaces[robot.addresses.slots[contact].start]
-    if isinstance(workspace, FlatWorkspace):
-        return np.asarray(workspace.chart.place(jnp.asarray(rng.uniform(workspace.low, workspace.high))))
     if workspace is not None:
-        places, _ = workspace.grid(1)
-        return places[rng.integers(len(places))]
-    for sensor in robot.suite.contact_sensors:
-        if isinstance(sensor, SingleElectrodes) and sensor.contact == contact:
-            k = rng.integers(len(sensor.places))
-            half = np.sqrt(3.0 * np.diagonal(sensor.covariance_m2[k]))
+        return workspace.drawn(rng)
+    for sensor in robot.settings.sensors:
+        places = [seen for seen in sensor.places if seen.contact == contact]
+        if places:
+            seen = places[rng.integers(len(places))]
+            half = np.sqrt(3.0 * np.diagonal(seen.covariance))
             # Most of an electrode's length, not its edges, where its neighbour may see more of it.
-            return moved(np.asarray(sensor.places[k]), 0.7 * rng.uniform(-half, half))
+            return moved(seen.place, 0.7 * rng.uniform(-half, half))
     raise ConfigError(
         f'{robot.settings.path}: contact "{contact}": nobody says where it may press: give it a surface, '
         "or electrodes"

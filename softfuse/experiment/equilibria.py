@@ -22,13 +22,12 @@ from softfuse.experiment.carried import Carried, Skin
 from softfuse.experiment.episodes import Episode, Touch
 from softfuse.experiment.pose_cache import Arrays, kept, settings_digest
 from softfuse.experiment.virtual_robot import VirtualRobot
-from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.reading import Equilibrium
 from softfuse.mechanics.solution import RESULTS, State
 from softfuse.robot.digest import digest
-from softfuse.sensors.true_contact import TrueContact
+from softfuse.sensors.parts import TrueContact
 
 log = logging.getLogger(__name__)
 
@@ -84,8 +83,7 @@ class RobotSolver:
         return [Carried.of(parts.body, sensor.points(parts)) for sensor in self._seeing]
 
     def poses(self, episode: Episode, *, solved: Callable[[], None] | None = None) -> Arrays:
-        """The n equilibria of an episode, in order: rest, the actuators' way, contacts at their gaps, the
-        forces.
+        """The n equilibria of an episode in order: rest, actuators' way, contacts at their gaps, forces.
 
         Arrays, c slots of contacts, a drives of actuators: `reading` (n, k) SI; `signal <sensor>` (n, e),
         what those that see contacts say; `force` (n, c) N; `gap` (n, c) m, below 0 by how deep it is pressed
@@ -134,7 +132,9 @@ class RobotSolver:
         if not touches:
             return stacked(poses)
         model, places = self.model(touches), self._places(touches)
-        self._check(model, touches)
+        for touch, place, contact in zip(touches, places, model.contacts, strict=True):
+            if not contact.stands(model.body, place):
+                raise ConfigError(f"{touch} overhangs the edge of the body: move it inwards")
         state = _touching(model, places, state)
         for gap in self.gaps[1:]:
             pose(model, state, np.full(len(touches), gap), level)
@@ -161,7 +161,7 @@ class RobotSolver:
         settings, reach = self._made.settings, []
         for number, cable in enumerate(settings.cables):
             most = cable.max_tension
-            if self._by_length[number]:
+            if cable.name in self._by_length:
                 model, drive = self._made.model, jnp.asarray(self._rest_drive())
                 model = eqx.tree_at(lambda m: (m.contacts, m.slots), model, ((), ()))
                 nowhere = jnp.zeros((0, 3, 3))
@@ -174,27 +174,21 @@ class RobotSolver:
         return tuple(reach)
 
     @property
-    def _by_length(self) -> list[bool]:
-        """Of each cable, whether it is commanded to a length, or to nothing."""
-        return [each.command is None or each.command.of == "length" for each in self._made.settings.cables]
+    def _by_length(self) -> list[str]:
+        """The cables that are commanded to a length, or to nothing."""
+        cables = self._made.settings.cables
+        return [each.name for each in cables if each.command is None or each.command.of == "length"]
 
     def model(self, touches: Sequence[Touch]) -> Model:
         """The body under some contacts, its cables shortened where they are commanded so."""
         made, names = self._made, [contact.name for contact in self._made.settings.contacts]
-        by_length = iter(self._by_length)
-        actuators = tuple(
-            ShortenedCable.of(load, made.model.body)
-            if isinstance(load, PulledCable) and next(by_length)
-            else load
-            for load in made.model.actuators
-        )
         contacts = tuple(made.model.contacts[names.index(touch.contact)] for touch in touches)
         return Model(
             made.model.body,
             made.model.readings,
             contacts,
             made.model.linear,
-            actuators,
+            made.shortened(self._by_length),
             tuple(range(len(contacts))),
         )
 
@@ -229,12 +223,6 @@ class RobotSolver:
             target[self._made.addresses.drives[name]] = value
         return target
 
-    def _check(self, model: Model, touches: Sequence[Touch]) -> None:
-        for touch, contact in zip(touches, model.contacts, strict=True):
-            place = jnp.array(touch.place)
-            if not contact.stands(model.body, place):
-                raise ConfigError(f"{touch} overhangs the edge of the body: move it inwards")
-
     def _found(self, model: Model, places: Array, drive: Array, state: State, where: str) -> State:
         found = simulate(model, places, drive, state)
         if not bool(found.result == RESULTS.converged):
@@ -260,7 +248,8 @@ class RobotSolver:
         """What there is to be seen of an equilibrium under loads, those of contacts first, see `poses`."""
         made, nodes = self._made, self.nodes(state)
         contacts = Loads(loads.parts[: len(loads.parts) - len(made.model.actuators)])
-        state = _by_tension(loads, state)
+        # As one of pulled cables, whose tension is the drive.
+        state = State(state.z, state.force, *loads.by_force(state.internal, state.drive))
         reading, drive, answer = _measured(made.model, contacts, state)
         force, gap = np.zeros(len(made.workspaces)), np.full(len(made.workspaces), self.gaps[0])
         for each in there:
@@ -286,20 +275,6 @@ def _measured(model: Model, contacts: Loads, state: State) -> tuple[Array, Array
     """Readings (k,), drives and answers (a,) of the actuators."""
     at = Equilibrium(model.body, contacts, Loads(model.actuators), state)
     return jnp.concatenate([jnp.zeros(0), *(each.of(at) for each in model.readings)]), at.drives, at.answers
-
-
-def _by_tension(loads: Loads, state: State) -> State:
-    """The same state as one of pulled cables, whose tension is the drive."""
-    internal, drive = [jnp.zeros(0)], [jnp.zeros(0)]
-    m = d = 0
-    for load in loads.parts:
-        own = state.internal[m : m + load.sizes.internal]
-        given = state.drive[d : d + load.sizes.drives]
-        m, d = m + load.sizes.internal, d + load.sizes.drives
-        shortened = isinstance(load, ShortenedCable)
-        internal.append(own[:0] if shortened else own)
-        drive.append(own if shortened else given)
-    return State(state.z, state.force, jnp.concatenate(internal), jnp.concatenate(drive))
 
 
 def _touching(model: Model, places: Array, state: State) -> State:

@@ -16,7 +16,7 @@ Truth, for evaluation only; names as in `robot.names`, <slot> of each contact th
 | `true_<chamber>_mm3`, `true_<chamber>_Pa` | change of volume, and gauge pressure of one that is not vented |
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,7 +26,6 @@ from jaxtyping import Float, Int
 from softfuse.errors import ConfigError
 from softfuse.experiment.episodes import Episode, episodes_of
 from softfuse.experiment.equilibria import RobotSolver, kept_poses
-from softfuse.experiment.programme import Programme
 from softfuse.experiment.recording_file import Columns, with_decimals
 from softfuse.experiment.timeline import Frames, Timing, frames
 from softfuse.experiment.virtual_robot import MakingErrors, VirtualRobot, virtual_robot
@@ -35,11 +34,67 @@ from softfuse.robot.robot import require_sensors
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.electronics import ChannelElectronics, equal_channels, side_by_side
 
+_ROUNDING = 1e-6
+"""Rows by which a time may be off."""
+
 _COMMANDED_STEP = 1e-6
 """Step in which commands are told, in the units of their columns."""
 
 _SHOWN = 4
 """Episodes of a virtual device."""
+
+
+@dataclass(frozen=True, eq=False)
+class Programme:
+    """What a device's channels say, without noise, while something is done to it over and over again.
+
+    n rows of k channels, one every `step_s`, interpolated linearly and continued periodically: the last row
+    is followed by the first. Noise and converters are in `channel_electronics`.
+
+    channels: columns of a recording, whose names end with the unit; readings (n, k) in these units. truth:
+    other columns (n,) in the units of their names; those in `stepped` are counts and marks that hold until
+    the next row.
+    """
+
+    step_s: float
+    channels: tuple[str, ...]
+    readings: Float[np.ndarray, "n k"]
+    truth: Mapping[str, Float[np.ndarray, " n"]]
+    stepped: frozenset[str] = frozenset()
+
+    @property
+    def period_s(self) -> float:
+        """After which it begins anew [s]."""
+        return self.step_s * len(self.readings)
+
+    def at(self, time_s: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m k"]:
+        """Readings (m, k) at times (m,) s, counted from the start of the first round."""
+        before, after, share = self._rows(time_s)
+        return (1.0 - share[:, None]) * self.readings[before] + share[:, None] * self.readings[after]
+
+    def truth_at(self, time_s: Float[np.ndarray, " m"]) -> dict[str, Float[np.ndarray, " m"]]:
+        """Truth (m,) at times (m,) s, counted from the start of the first round."""
+        before, after, share = self._rows(time_s)
+        last = np.floor(np.asarray(time_s) / self.step_s + _ROUNDING).astype(np.int64) % len(self.readings)
+        return {
+            name: values[last]
+            if name in self.stepped
+            else (1.0 - share) * values[before] + share * values[after]
+            for name, values in self.truth.items()
+        }
+
+    def only(self, channels: Sequence[str]) -> "Programme":
+        """The same with some of its channels, in the order given."""
+        columns = [self.channels.index(name) for name in channels]
+        return Programme(self.step_s, tuple(channels), self.readings[:, columns], self.truth, self.stepped)
+
+    def _rows(
+        self, time_s: Float[np.ndarray, " m"]
+    ) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+        row = np.asarray(time_s, float) / self.step_s
+        before = np.floor(row).astype(np.int64)
+        count = len(self.readings)
+        return before % count, (before + 1) % count, row - before
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,9 +162,7 @@ class Performance:
         ]
 
     def recording(self, seed: int, noise: int) -> Columns:
-        """All rows as real sensors, drawn from a seed, say them, with noise drawn from another, and the
-        truth.
-        """
+        """All rows as real sensors drawn from a seed say them, with noise from another, and the truth."""
         made, time = self.robot.made, self.frames.time_s
         columns = {"time_s": time}
         for k, sensor in enumerate(made.settings.sensors):
@@ -171,9 +224,7 @@ def performance(
     timing: Timing | None = None,
     solved: Callable[[], None] | None = None,
 ) -> Performance:
-    """A virtual robot that goes through episodes; `folder`, `solved`: see `kept_poses`, which also says what
-    it raises.
-    """
+    """A virtual robot that goes through episodes; `folder`, `solved` and errors raised: see `kept_poses`."""
     found = kept_poses(folder, robot, episodes, solved=solved)
     return Performance(robot, places_of(robot, episodes), frames(found, timing or Timing()))
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softfuse.estimation.side_by_side import shared_out
+from softfuse.estimation.batch import shared_out
 from softfuse.io.result_folder import put_in_place
 
 log = logging.getLogger(__name__)

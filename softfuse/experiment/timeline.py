@@ -48,19 +48,10 @@ class Frames:
     values: Arrays
 
 
-class _Way:
-    """Some equilibria in a row: how far along it each is (m,), and the values there (m, q)."""
-
-    def __init__(self, along: Float[np.ndarray, " m"], values: Float[np.ndarray, "m q"]) -> None:
-        self.along = along
-        self._at = PchipInterpolator(along, values)
-
-    def at(self, along: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n q"]:
-        return self._at(along)
-
-
 class _Rows:
-    """The rows so far, with the values of each."""
+    """The rows so far, with the values of each; a way leads through some equilibria in a row, whose values it
+    gives (m, q) as far along it as each is (m,).
+    """
 
     def __init__(self, rate_Hz: float) -> None:
         self._rate = rate_Hz
@@ -74,14 +65,16 @@ class _Rows:
         self.episode.append(np.full(count, episode))
         self.sample.append(np.where(np.arange(count) == count // 2, sample, 0))
 
-    def stay(self, way: _Way, along: float, seconds: float, episode: int, *, sample: int = 0) -> None:
+    def stay(
+        self, way: PchipInterpolator, along: float, seconds: float, episode: int, *, sample: int = 0
+    ) -> None:
         count = max(2, round(seconds * self._rate))
-        self._add(np.repeat(way.at(np.array([along])), count, axis=0), episode, sample)
+        self._add(np.repeat(way(np.array([along])), count, axis=0), episode, sample)
 
-    def go(self, way: _Way, start: float, end: float, seconds: float, episode: int) -> None:
+    def go(self, way: PchipInterpolator, start: float, end: float, seconds: float, episode: int) -> None:
         count = max(2, round(seconds * self._rate))
         share = np.arange(count) / count
-        self._add(way.at(start + (end - start) * share**2 * (3.0 - 2.0 * share)), episode, 0)
+        self._add(way(start + (end - start) * share**2 * (3.0 - 2.0 * share)), episode, 0)
 
 
 def frames(passed: Sequence[Arrays], timing: Timing = Timing()) -> Frames:
@@ -91,7 +84,7 @@ def frames(passed: Sequence[Arrays], timing: Timing = Timing()) -> Frames:
     for k, (poses, table) in enumerate(zip(passed, tables, strict=True)):
         _episode(rows, poses, table, k, timing)
         following = tables[(k + 1) % len(tables)]
-        over = _Way(np.array([0.0, 1.0]), np.stack([table[0], following[0]]))
+        over = PchipInterpolator(np.array([0.0, 1.0]), np.stack([table[0], following[0]]))
         rows.go(over, 0.0, 1.0, timing.travel_s, k)
     values = np.concatenate(rows.values)
     return Frames(
@@ -110,17 +103,17 @@ def _episode(rows: _Rows, poses: Arrays, table: np.ndarray, number: int, timing:
     driven = int(np.sum(~pressed & ~near)) - 1
     ends = driven, driven + int(near.sum())
     on_way = table[: driven + 1] if driven else np.repeat(table[:1], 2, axis=0)
-    drive = _Way(np.linspace(0.0, 1.0, len(on_way)), on_way)
+    drive = PchipInterpolator(np.linspace(0.0, 1.0, len(on_way)), on_way)
     rows.stay(drive, 0.0, timing.rest_s, number)
     if driven:
         rows.go(drive, 0.0, 1.0, timing.drive_s, number)
         rows.stay(drive, 1.0, timing.settle_s, number, sample=0 if pressed.any() else 1)
     if pressed.any():
-        air = _Way(-gap[ends[0] : ends[1] + 1], table[ends[0] : ends[1] + 1])
-        push = _Way(_along(total[ends[1] :], -gap[ends[1] :]), table[ends[1] :])
+        air = PchipInterpolator(-gap[ends[0] : ends[1] + 1], table[ends[0] : ends[1] + 1])
+        push = PchipInterpolator(_along(total[ends[1] :], -gap[ends[1] :]), table[ends[1] :])
         far, at = -gap[0], 0.0
         rows.go(air, far, 0.0, -far / timing.air_m_s, number)
-        held = push.along[poses["held"][ends[1] :] > 0]
+        held = push.x[poses["held"][ends[1] :] > 0]
         for level, here in enumerate(held, start=1):
             rows.go(push, at, here, timing.press_s * (here - at), number)
             rows.stay(push, here, timing.hold_s, number, sample=level)

@@ -84,8 +84,7 @@ class VirtualRobot:
 def virtual_robot(drawn: RobotSettings, errors: MakingErrors = MakingErrors()) -> VirtualRobot:
     """Make the robot.
 
-    Raises ConfigError for parts that do not go together or an unknown silicone, MeshError when errors and
-    drawing do not.
+    Raises ConfigError for parts that do not go together or an unknown silicone, MeshError for such errors.
     """
     rng = np.random.default_rng(errors.seed)
     settings = _made(drawn, errors, rng)

@@ -6,7 +6,7 @@ from abc import abstractmethod
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
 
@@ -26,25 +26,8 @@ class AbstractFunctional(eqx.Module):
         """g(z) − g(0), a number or (count,), at unknowns z (n,) of a body, differentiably."""
 
 
-class Functional(AbstractFunctional):
-    """A functional of the node positions, whatever unknowns they come from."""
-
-    @abstractmethod
-    def __call__(self, positions: Float[Array, "k 3"]) -> Float[Array, ""]:
-        """The value at node positions (k, 3) m, differentiably."""
-
-    def change(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, ""]:
-        """g(z) − g(0) at unknowns z (n,) of a body that watches the functional's nodes."""
-        return self(body.rest + body.watched(z)) - self(body.rest)
-
-
 class MaterialFunctional(AbstractFunctional):
     """A functional of material points: it depends on where nodes are at rest, and on how they have moved."""
-
-    @property
-    @abstractmethod
-    def nodes(self) -> Int[Array, " w"]:
-        """The nodes (w,), which may come several times, whose displacements it needs: a body watches them."""
 
     @abstractmethod
     def __call__(self, rest: Float[Array, "k 3"], displacement: Float[Array, "k 3"]) -> Float[Array, " c"]:

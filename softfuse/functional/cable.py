@@ -31,8 +31,7 @@ def guide_forces(
 ) -> Float[Array, "g 3"]:
     """Forces (g, 3) N on the guides of a cable pulled with `tension` [N].
 
-    `guides` (g, 3) m; `pulled_at` (3,) m; `friction` [-]: μ, positive while the cable is pulled, negative
-    while it is let out.
+    `guides` (g, 3) m; `pulled_at` (3,) m; `friction` μ [-]: positive while pulled, negative while let out.
     """
     along = segments(guides, pulled_at)
     unit = along / jnp.linalg.norm(along, axis=1, keepdims=True)

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 
 from softfuse.body.quadrature import TRIANGLE_6
 from softfuse.body.shape import linear, linear_slopes, quadratic, quadratic_slopes
-from softfuse.functional.base import Functional
+from softfuse.functional.base import AbstractFunctional
 
 
 def cone_volume(x: Float[Array, "s 3"]) -> Float[Array, ""]:
@@ -32,7 +32,7 @@ def cone_volume(x: Float[Array, "s 3"]) -> Float[Array, ""]:
     return jnp.einsum("qi,qi,q->", jnp.asarray(values) @ x, outwards, jnp.asarray(weights)) / 6.0
 
 
-class Cavity(Functional):
+class Cavity(AbstractFunctional):
     """Faces (f, 3) or (f, 6) whose normals point out of the enclosed space, and the corners (r,) of the rim
     that a cap closes, none of a closed surface.
     """
@@ -49,6 +49,10 @@ class Cavity(Functional):
         """Enclosed volume [m³] at node positions (k, 3) m."""
         return jnp.sum(jax.vmap(cone_volume)(positions[self.faces] - self.apex(positions)))
 
+    def change(self, body, z):
+        """By how much the volume [m³] has grown at unknowns z (n,) of a body that watches the walls."""
+        return self(body.rest + body.watched(z)) - self(body.rest)
+
     def apex(self, positions: Float[Array, "k 3"]) -> Float[Array, "3"]:
         """Where the cap's triangles meet (3,) m; the origin of a closed surface."""
         return jnp.mean(positions[self.rim], axis=0) if self.rim.size else jnp.zeros(3)
@@ -62,7 +66,5 @@ def rim_edges(faces: Int[np.ndarray, "f s"]) -> Int[np.ndarray, "r 2"]:
 
 
 def volume_within(faces: Int[np.ndarray, "f s"], nodes: Float[np.ndarray, "k 3"]) -> float:
-    """The volume [m³] inside faces (f, 3) or (f, 6) of nodes (k, 3) m, closed or with one rim, their edges as
-    curved as they are.
-    """
+    """The volume [m³] inside faces (f, 3) or curved ones (f, 6) of nodes (k, 3) m, closed or with one rim."""
     return float(Cavity.of(faces)(jnp.asarray(nodes)))

@@ -31,9 +31,7 @@ def bending(points: Float[Array, "p 3"], rest: Float[Array, "p 3"]) -> Bending:
 
 
 def tip_turn(points: Float[Array, "p 3"], rest: Float[Array, "p 3"]) -> Float[Array, ""]:
-    """Angle [rad], between 0 and π, of the last link of the chain of points (p, 3) m with its own direction
-    at `rest` (p, 3) m.
-    """
+    """Angle [rad], 0 to π, of a chain's last link, points (p, 3) m, with its direction at `rest` (p, 3) m."""
     return _angles(jnp.stack([rest[-1] - rest[-2], points[-1] - points[-2]]))[0]
 
 

@@ -6,7 +6,6 @@ presses against it. A contact that is off its place by (a, b) [m] is at the poin
 presses there is carried along the direction onto the surface (`functional.contact`).
 """
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from typing import TypeVar
 
@@ -31,25 +30,23 @@ def moved(place: Numbers, offset: Numbers) -> Numbers:
     return place.__array_namespace__().concat([place[..., :1, :] + along, tangents], axis=-2)
 
 
+def across(
+    direction: Sequence[float] | Float[np.ndarray, "3"],
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """The unit vector (3,) along a direction of any length, and that across it nearest to one of x, y, z."""
+    d = np.asarray(direction, float) / np.linalg.norm(direction)
+    first = np.eye(3)[np.argmin(np.abs(d))]
+    first = first - d * (first @ d)
+    return d, first / np.linalg.norm(first)
+
+
 def facing(
     points: Float[np.ndarray, "... 3"], direction: Sequence[float] | Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "... 3 3"]:
     """The places (..., 3, 3) at points (..., 3) m that are pressed along one direction (3,) of any length."""
-    into, (u, _) = _across(direction)
+    into, u = across(direction)
     tangents = np.broadcast_to([u, np.cross(u, into)], (*np.shape(points)[:-1], 2, 3))
     return np.concatenate([np.asarray(points, float)[..., None, :], tangents], axis=-2)
-
-
-def _across(
-    direction: Sequence[float] | Float[np.ndarray, "3"],
-) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "2 3"]]:
-    """The unit vector (3,) along a direction, and two axes (2, 3) across it, see `FlatChart.along`."""
-    d = np.asarray(direction, float) / np.linalg.norm(direction)
-    first = np.eye(3)[np.argmin(np.abs(d))]
-    first = first - d * (first @ d)
-    first /= np.linalg.norm(first)
-    second = np.cross(d, first)
-    return d, np.stack([first, second * np.sign(second[np.argmax(np.abs(second))])])
 
 
 def nearest(
@@ -60,22 +57,9 @@ def nearest(
     return np.argmin(np.sum(away**2, axis=-1), axis=-1)
 
 
-class AbstractChart(eqx.Module):
-    """Two coordinates [m] on a part of the surface."""
-
-    @abstractmethod
-    def place(self, at: Float[Array, "... 2"]) -> Float[Array, "... 3 3"]:
-        """The places (..., 3, 3) at coordinates (..., 2) [m]."""
-
-    @abstractmethod
-    def coordinates(self, place: Float[np.ndarray, "... 3 3"]) -> Float[np.ndarray, "... 2"]:
-        """The coordinates (..., 2) [m] of places (..., 3, 3)."""
-
-
-class FlatChart(AbstractChart):
+class FlatChart(eqx.Module):
     """Distances [m] from `origin` (3,) along unit vectors `axes` (2, 3) at right angles to each other and to
-    the unit vector `direction` (3,), in which contacts press: a flat face, or what is seen along one
-    direction.
+    the unit vector `direction` (3,), in which contacts press: a flat face, or what is seen along it.
     """
 
     origin: Float[Array, "3"]
@@ -87,7 +71,9 @@ class FlatChart(AbstractChart):
         """The chart of what is seen along a direction (3,) of any length: x and y where that is along z, else
         two axes across it, each as near as may be to one of x, y, z.
         """
-        into, axes = _across(direction)
+        into, first = across(direction)
+        second = np.cross(into, first)
+        axes = np.stack([first, second * np.sign(second[np.argmax(np.abs(second))])])
         return cls(jnp.zeros(3), jnp.asarray(axes), jnp.asarray(into))
 
     @property
@@ -96,13 +82,13 @@ class FlatChart(AbstractChart):
         u = self.axes[0]
         return jnp.stack([u, jnp.cross(u, self.direction)])
 
-    def place(self, at):
-        """The points there, all with the same tangents."""
+    def place(self, at: Float[Array, "... 2"]) -> Float[Array, "... 3 3"]:
+        """The places (..., 3, 3) at coordinates (..., 2) [m], all with the same tangents."""
         point = self.origin + at @ self.axes
         return jnp.concatenate(
             [point[..., None, :], jnp.broadcast_to(self.tangents, (*point.shape[:-1], 2, 3))], axis=-2
         )
 
-    def coordinates(self, place):
-        """How far along the axes the points are."""
+    def coordinates(self, place: Float[np.ndarray, "... 3 3"]) -> Float[np.ndarray, "... 2"]:
+        """The coordinates (..., 2) [m] of places (..., 3, 3): how far along the axes they are."""
         return (place[..., 0, :] - np.asarray(self.origin)) @ np.asarray(self.axes).T

@@ -16,8 +16,8 @@ from jaxtyping import Array, Float
 from softfuse.body.base import AbstractBody
 from softfuse.errors import MeshError
 from softfuse.functional.base import MaterialFunctional
+from softfuse.functional.embedded_line import Polyline
 from softfuse.functional.material_points import MaterialPoints
-from softfuse.functional.polyline import Polyline
 
 _SAMPLES = 9
 """Points along a gauge."""
@@ -78,11 +78,6 @@ class Curvature(MaterialFunctional):
     def count(self):
         """Three for each station."""
         return 3 * self.across.shape[0]
-
-    @property
-    def nodes(self):
-        """Of all elements that the gauges pass through."""
-        return self.points.nodes.ravel()
 
     def __call__(self, rest, displacement):
         """ε [-], κ₁ and κ₂ [1/m] of one station after the other (count,)."""

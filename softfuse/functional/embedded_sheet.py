@@ -1,5 +1,4 @@
-"""Area and thickness of a thin flat sheet in the material, such as a dielectric elastomer between compliant
-electrodes.
+"""Area and thickness of a thin flat sheet in the material, such as a dielectric between soft electrodes.
 
 With the unit normal N at rest, an area dA becomes |cof F N| dA (Nanson), and the distance of two material
 planes across N becomes s = 1/|F⁻ᵀ N| times as large. The capacitance is C = ε ∫ da/(d s); with the area a and
@@ -60,11 +59,6 @@ class EmbeddedSheet(MaterialFunctional):
     def count(self):
         """Area and thickness."""
         return 2
-
-    @property
-    def nodes(self):
-        """Of all elements that the sheet passes through."""
-        return self.points.nodes.ravel()
 
     def __call__(self, rest, displacement):
         """Area a [m²], and mean stretch s̄ [-] across the sheet (2,)."""

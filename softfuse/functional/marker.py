@@ -55,11 +55,6 @@ class Marker(MaterialFunctional):
         """One to three."""
         return len(self.components)
 
-    @property
-    def nodes(self):
-        """Of the point's element."""
-        return self.point.nodes[0]
-
     def __call__(self, rest, displacement):
         """Coordinates (count,) [m] in the camera's frame."""
         at = self.point.positions(rest, displacement)[0]

@@ -21,9 +21,7 @@ from softfuse.material.components import components, determinant
 
 
 class PointPressure(AbstractFunctional):
-    """Points of a ball; `corners` (g, c): the pressure nodes of their elements; `regions`: the materials of
-    their elements, in ascending order.
-    """
+    """A ball's points; `corners` (g, c): their elements' pressure nodes; `regions`: materials, ascending."""
 
     points: MaterialPoints
     corners: Int[Array, "g c"]
@@ -42,11 +40,6 @@ class PointPressure(AbstractFunctional):
         corners = np.asarray(body.pressure_unknowns).T[element] - body.n_displacements
         regions = np.searchsorted(np.cumsum(body.counts), element, side="right")
         return cls(points, jnp.asarray(corners), tuple(regions.tolist()))
-
-    @property
-    def nodes(self):
-        """Of the ball's elements."""
-        return self.points.nodes.ravel()
 
     def value(self, body: AbstractBody, z: Float[Array, " n"]) -> Float[Array, ""]:
         """The pressure [Pa] at unknowns z (n,) of a body that watches the functional's nodes."""

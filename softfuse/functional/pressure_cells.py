@@ -1,5 +1,4 @@
-"""How a contact's force may be distributed: cells of the unit disc, each with a fixed shape of pressure and
-unit force.
+"""How a contact's force may be distributed: cells of the unit disc, of fixed shape of pressure, unit force.
 
 `uniform` has one cell, constant pressure on the whole disc: "equal force everywhere" (Navarro et al. 2020,
 Sec. IV-B), whose functional is the patch's mean displacement. `even` has several, each under constant

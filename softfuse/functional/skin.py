@@ -13,8 +13,7 @@ from jaxtyping import Array, Float, Int
 from scipy.spatial import KDTree
 
 from softfuse.functional.chart import direction_of
-from softfuse.functional.contact import ContactSurface
-from softfuse.functional.face_search import EveryFace
+from softfuse.functional.contact import ContactSurface, EveryFace
 
 
 class Skin(eqx.Module):

@@ -35,9 +35,11 @@ class AbstractWorkspace(eqx.Module):
 
     @abstractmethod
     def grid(self, side: int) -> tuple[Float[np.ndarray, "s 3 3"], Float[np.ndarray, "2"]]:
-        """Places (s, 3, 3) all over it, `side` squared of them where it has sides, and how far apart they are
-        along their tangents (2,) [m].
-        """
+        """Places (s, 3, 3) all over it, side² if it has sides, and their pitch along tangents (2,) [m]."""
+
+    @abstractmethod
+    def drawn(self, rng: np.random.Generator) -> Float[np.ndarray, "3 3"]:
+        """A place (3, 3) at random."""
 
     @property
     @abstractmethod
@@ -70,6 +72,10 @@ class FlatWorkspace(AbstractWorkspace):
         x, y = np.meshgrid(*np.linspace(self.low, self.high, side).T, indexing="ij")
         pitch = (self.high - self.low) / (side - 1)
         return np.asarray(self.chart.place(jnp.stack([x.ravel(), y.ravel()], axis=1))), pitch
+
+    def drawn(self, rng):
+        """Anywhere in the rectangle."""
+        return np.asarray(self.chart.place(jnp.asarray(rng.uniform(self.low, self.high))))
 
     @property
     def extent_m(self):
@@ -130,6 +136,10 @@ class SurfaceWorkspace(AbstractWorkspace):
         """Its places."""
         del side
         return self.places, np.full(2, self.spacing)
+
+    def drawn(self, rng):
+        """One of its places."""
+        return self.places[rng.integers(len(self.places))]
 
     @property
     def extent_m(self):
@@ -209,9 +219,7 @@ def framed(points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) 
 
 
 def _spread_out(points: Float[np.ndarray, "n 3"], spacing: float) -> Int[np.ndarray, " s"]:
-    """Numbers (s,) of points (n, 3) m, each the furthest from those before, until all are within a spacing of
-    one.
-    """
+    """Numbers (s,) of points (n, 3) m, each furthest from those before, until all are within a spacing."""
     chosen = [0]
     away = np.linalg.norm(points - points[0], axis=1)
     while away.max() > spacing:

@@ -39,6 +39,11 @@ class AbstractMaterial(eqx.Module):
         """The same law, so many times as stiff against every strain: all constants in Pa times the factor."""
         return jax.tree.map(lambda constant: factor * constant, self)
 
+    def stiffened(self, ratio: Float[ArrayLike, ""]) -> "AbstractMaterial":
+        """Yeoh's law with a c₂ more by a ratio [-] times c₁, of one that is Yeoh's; itself of others."""
+        del ratio
+        return self
+
     def energy(self, f: Float[Array, "3 3"]) -> Float[Array, ""]:
         """Energy density [J/m³] at the deformation gradient f (3, 3)."""
         return self.distortion(f) + 0.5 * self.lame * self.dilatation(f) ** 2

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from softfuse.material.base import lame_constants
 from softfuse.material.isotropic import AbstractIsotropic, Invariants
+from softfuse.material.yeoh import Yeoh
 
 
 class NeoHookean(AbstractIsotropic):
@@ -33,3 +34,7 @@ class NeoHookean(AbstractIsotropic):
     def shear_modulus(self) -> Float[Array, ""]:
         """μ [Pa]."""
         return self.mu
+
+    def stiffened(self, ratio):
+        """Neo-Hookean is Yeoh's with c₁ = μ/2 alone."""
+        return Yeoh(0.5 * self.mu, 0.5 * self.mu * ratio, 0.0, self.lame)

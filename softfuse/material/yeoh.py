@@ -41,3 +41,7 @@ class Yeoh(AbstractIsotropic):
     def shear_modulus(self) -> Float[Array, ""]:
         """2 c₁ [Pa]."""
         return 2.0 * self.c1
+
+    def stiffened(self, ratio):
+        """With that c₂."""
+        return Yeoh(self.c1, self.c2 + ratio * self.c1, self.c3, self.lame)

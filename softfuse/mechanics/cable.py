@@ -84,6 +84,10 @@ class PulledCable(AbstractLoad):
         tension = -jnp.sum(force.reshape(-1, 3), axis=0) @ first / jnp.linalg.norm(first)
         return (_rest_length(self) - length(guides, self.pulled_at) + self.compliance * tension)[None]
 
+    def by_answer(self, body):
+        """Shortened."""
+        return ShortenedCable.of(self, body)
+
 
 class ShortenedCable(AbstractLoad):
     """A cable of given shortening δ [m], with the tension as internal unknown.
@@ -130,6 +134,11 @@ class ShortenedCable(AbstractLoad):
         """The tension (1,) [N]."""
         del force, y
         return internal
+
+    def by_force(self, internal, drive):
+        """Pulled with the tension, whatever the shortening."""
+        del drive
+        return internal[:0], internal
 
     @property
     def rest_length(self) -> Float[Array, ""]:

@@ -33,8 +33,7 @@ def disc_at(
     compliance: Float[Array, ""] | float = 0.0,
 ) -> Contact:
     """The disc of `radius` [m] over a place (3, 3) of a body's surface."""
-    at = surface.around(body.rest, place) if isinstance(surface, Skin) else surface
-    return Contact(at, cells, place[0], radius, compliance)
+    return Contact(surface.around(body.rest, place), cells, place[0], radius, compliance)
 
 
 class AbstractIndenter(AbstractContact):

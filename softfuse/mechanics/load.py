@@ -58,11 +58,11 @@ class AbstractPorts(eqx.Module):
         """
 
 
-class LinearPorts(AbstractPorts):
+class AbstractLinearPorts(AbstractPorts):
     """y = y₀ + Gᵀz: values at rest y₀ (p,) and rows G (n, p)."""
 
-    rest: Float[Array, " p"]
-    slopes: Float[Array, "n p"]
+    rest: eqx.AbstractVar[Float[Array, " p"]]
+    slopes: eqx.AbstractVar[Float[Array, "n p"]]
 
     def values(self, body, z):
         """y₀ + Gᵀ z (p,)."""
@@ -83,6 +83,13 @@ class LinearPorts(AbstractPorts):
     def supports(self):
         """No springs."""
         return jnp.zeros_like(self.rest)
+
+
+class LinearPorts(AbstractLinearPorts):
+    """Nothing but values at rest (p,) and rows (n, p)."""
+
+    rest: Float[Array, " p"]
+    slopes: Float[Array, "n p"]
 
     def resultants(self, body, z):
         """Raises SolveError: rows alone do not tell what acts on held nodes."""
@@ -130,6 +137,21 @@ class AbstractLoad(eqx.Module):
         self, force: Float[Array, " q"], internal: Float[Array, " m"], y: Float[Array, " p"]
     ) -> Float[Array, " k"]:
         """What answers each drive (k,): the stroke of a force, the force of a prescribed displacement."""
+
+    def by_answer(self, body: AbstractBody) -> "AbstractLoad":
+        """The same load on a body at rest, driven by what answers it: a cable by its shortening. Raises
+        SolveError for one that cannot be driven so.
+        """
+        del body
+        raise SolveError(f"{type(self).__name__} is not driven by what answers it")
+
+    def by_force(
+        self, internal: Float[Array, " m"], drive: Float[Array, " k"]
+    ) -> tuple[Float[Array, " w"], Float[Array, " k"]]:
+        """Internal unknowns (w,) and drives (k,), in the same state, of the load that this is `by_answer`; as
+        they are where it is none.
+        """
+        return internal, drive
 
 
 class AbstractContact(eqx.Module):
@@ -304,6 +326,15 @@ class Loads(eqx.Module):
         """What answers each drive (D,)."""
         own = zip(self.parts, self._own(force, internal, y), strict=True)
         return _joined([part.conjugate(*at) for part, at in own])
+
+    def by_force(
+        self, internal: Float[Array, " M"], drive: Float[Array, " D"]
+    ) -> tuple[Float[Array, " W"], Float[Array, " D"]]:
+        """Internal unknowns (W,) and drives (D,) of all loads, see `AbstractLoad.by_force`."""
+        sizes = [part.sizes for part in self.parts]
+        cut = _cut([s.internal for s in sizes], internal), _cut([s.drives for s in sizes], drive)
+        each = [part.by_force(*own) for part, *own in zip(self.parts, *cut, strict=True)]
+        return _joined([internal for internal, _ in each]), _joined([drive for _, drive in each])
 
     def _own(self, force: Array, internal: Array, y: Array) -> list[tuple[Array, Array, Array]]:
         """Each load's own forces, internal unknowns and ports."""

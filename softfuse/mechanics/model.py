@@ -12,7 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, PyTree
 
 from softfuse.body.base import AbstractBody
 from softfuse.mechanics.gas import SealedGas
@@ -22,7 +22,7 @@ from softfuse.mechanics.newton import Newton, solve
 from softfuse.mechanics.reading import AbstractReading, Equilibrium
 from softfuse.mechanics.solution import Solution, State
 
-_Load = TypeVar("_Load", bound=AbstractLoad)
+_Part = TypeVar("_Part")
 
 
 class Model(eqx.Module):
@@ -48,6 +48,11 @@ class Model(eqx.Module):
     def answered(self) -> Int[np.ndarray, " k"]:
         """The actuators' drive (k,) that each reading answers; -1 for those that answer none."""
         return np.array([number for reading in self.readings for number in reading.answered], int)
+
+    @property
+    def driven(self) -> Int[np.ndarray, " k"]:
+        """The actuators' drive (k,) that each reading is; -1 for those that are none."""
+        return np.array([number for reading in self.readings for number in reading.driven], int)
 
     def kinds(self, count: int) -> tuple[AbstractContact, ...]:
         """What each of so many contacts is."""
@@ -100,10 +105,15 @@ def with_body(model: Model, body: AbstractBody) -> Model:
     return eqx.tree_at(lambda m: m.body, sealed, body)
 
 
-def with_actuators(model: Model, kind: type[_Load], changed: Callable[[_Load], _Load]) -> Model:
+def parts_of(tree: PyTree, *kinds: type[_Part]) -> list[_Part]:
+    """All parts of some kinds in a tree of modules, in its order."""
+    parts = jax.tree.leaves(tree, is_leaf=lambda part: isinstance(part, kinds))
+    return [part for part in parts if isinstance(part, kinds)]
+
+
+def with_actuators(model: Model, kind: type[_Part], changed: Callable[[_Part], _Part]) -> Model:
     """The model whose actuators of a kind are changed, one after the other."""
-    actuators = tuple(changed(load) if isinstance(load, kind) else load for load in model.actuators)
-    return eqx.tree_at(lambda m: m.actuators, model, actuators)
+    return eqx.tree_at(lambda m: parts_of(m.actuators, kind), model, replace_fn=changed)
 
 
 @eqx.filter_jit

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody
+from softfuse.errors import SolveError
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.mechanics.load import AbstractPorts, force_resultants
 
@@ -23,6 +24,11 @@ class AbstractGuides(AbstractPorts):
     @abstractmethod
     def location(self) -> Float[Array, "g 3"]:
         """Where they are on the body at rest (g, 3) [m]."""
+
+    def moved_to(self, location: Float[Array, "g 3"]) -> "AbstractGuides":
+        """The same at other places (g, 3) m on the body at rest. Raises SolveError for a reduced body's."""
+        del location
+        raise SolveError("guides of a reduced body stay where they are: move those of the full one")
 
     def resultants(self, body, z):
         """Unit forces along the axes at the places (6, 3 g)."""
@@ -57,10 +63,8 @@ class PointPorts(AbstractGuides):
         """Where the means are on the body at rest (g, 3) [m]."""
         return self.share @ self.points.location
 
-    def moved_to(self, location: Float[Array, "g 3"]) -> "PointPorts":
-        """The same with means at other places (g, 3) m on the body at rest, as long as these are in or next
-        to the same elements; differentiable in them.
-        """
+    def moved_to(self, location):
+        """As long as these are in or next to the same elements; differentiable in them."""
         shift = jnp.sign(self.share).T @ (location - self.location)
         return eqx.tree_at(lambda p: p.points.location, self, self.points.location + shift)
 

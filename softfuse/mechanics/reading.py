@@ -57,6 +57,16 @@ class AbstractReading(eqx.Module):
         """The actuators' drive (count,) that each number answers; -1 for those that answer none."""
         return (-1,) * self.count
 
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """The actuators' drive (count,) that each number is; -1 for those that are none."""
+        return (-1,) * self.count
+
+    @property
+    def single(self) -> "tuple[AbstractReading, ...]":
+        """It, or those that are joined in it, one by one."""
+        return (self,)
+
     @abstractmethod
     def of(self, at: Equilibrium) -> Float[Array, " count"]:
         """The numbers (count,) in SI units, 0 at rest."""
@@ -109,6 +119,11 @@ class DriveReading(AbstractReading):
         """One for each drive."""
         return len(self.numbers)
 
+    @property
+    def driven(self):
+        """Those drives."""
+        return self.numbers
+
     def of(self, at):
         """The drives."""
         return at.drives[np.array(self.numbers, int)]
@@ -151,6 +166,16 @@ class JointReading(AbstractReading):
     def answered(self):
         """Those of all."""
         return tuple(number for part in self.parts for number in part.answered)
+
+    @property
+    def driven(self):
+        """Those of all."""
+        return tuple(number for part in self.parts for number in part.driven)
+
+    @property
+    def single(self):
+        """Those of all."""
+        return tuple(each for part in self.parts for each in part.single)
 
     def of(self, at):
         """All numbers."""

@@ -10,10 +10,10 @@ from jaxtyping import Array, Float, Int
 
 from softfuse.body.base import AbstractBody
 from softfuse.functional.contact import Contact
-from softfuse.mechanics.load import AbstractPorts, force_resultants
+from softfuse.mechanics.load import AbstractLinearPorts, force_resultants
 
 
-class CellPorts(AbstractPorts):
+class CellPorts(AbstractLinearPorts):
     """The displacements (m,) [m] of cells along a unit `direction` (3,), counted from the gaps `rest` (m,)
     under them; rows `slopes` (n, m). Each point (p,) of a `cell` rests on `nodes` (p, s) by its parts
     `share` (p, s) of the cell's force.
@@ -34,26 +34,6 @@ class CellPorts(AbstractPorts):
         rows = body.spread_along(surface.direction, on.nodes, parts, cells.cell, cells.count)
         return cls(contact.heights(on, body.rest), rows, surface.direction, on.nodes, parts, cells.cell)
 
-    def values(self, body, z):
-        """y₀ + Gᵀ z (m,) [m]."""
-        del body
-        return self.rest + self.slopes.T @ z
-
-    def rows(self, body, z):
-        """G (n, m)."""
-        del body, z
-        return self.slopes
-
-    def stiffen(self, body, z, force, tangents):
-        """The tangents as they are."""
-        del body, z, force
-        return tangents
-
-    @property
-    def supports(self):
-        """No springs."""
-        return jnp.zeros_like(self.rest)
-
     def resultants(self, body, z):
         """The direction at the mean of the cell's points (6, m)."""
         x = (body.rest + body.watched(z))[self.nodes]
@@ -63,7 +43,7 @@ class CellPorts(AbstractPorts):
         return jnp.concatenate([force, jnp.cross(first, self.direction)], axis=1).T
 
 
-class PlacePorts(AbstractPorts):
+class PlacePorts(AbstractLinearPorts):
     """x, y, z [m] of places, one after the other, then perhaps others that carry no force: `rest` (p,),
     `slopes` (n, p); so many `places`.
     """
@@ -71,26 +51,6 @@ class PlacePorts(AbstractPorts):
     rest: Float[Array, " p"]
     slopes: Float[Array, "n p"]
     places: int = eqx.field(static=True)
-
-    def values(self, body, z):
-        """y₀ + Gᵀ z (p,)."""
-        del body
-        return self.rest + self.slopes.T @ z
-
-    def rows(self, body, z):
-        """G (n, p)."""
-        del body, z
-        return self.slopes
-
-    def stiffen(self, body, z, force, tangents):
-        """The tangents as they are."""
-        del body, z, force
-        return tangents
-
-    @property
-    def supports(self):
-        """No springs."""
-        return jnp.zeros_like(self.rest)
 
     def resultants(self, body, z):
         """Unit forces along the axes at the places (6, p), none at the others."""

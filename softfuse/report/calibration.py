@@ -11,17 +11,26 @@ from jaxtyping import Bool, Float
 
 from softfuse.calibration.adjustment import Measure
 from softfuse.calibration.array_pose import PoseFit
-from softfuse.calibration.electrode_baseline import Untouched
+from softfuse.calibration.electrode_edits import Untouched, with_gains
 from softfuse.calibration.electrode_gains import GainFit
-from softfuse.calibration.fit import Fit
-from softfuse.calibration.of_robot import Fitted
-from softfuse.calibration.posterior import AbstractPosterior
+from softfuse.calibration.fit import AbstractPosterior, Fit, fit, gain
+from softfuse.calibration.of_robot import (
+    Fitted,
+    adjustments_of_presses,
+    build_adjustments,
+    calibrated_edits,
+)
+from softfuse.calibration.presses import Adjustable
+from softfuse.errors import SoftfuseError
 from softfuse.experiment.accuracy import NINETY
-from softfuse.report.calibration_figures import misfits, usefulness
-from softfuse.report.certainty import Electrodes
+from softfuse.hardware.recording import Recording
+from softfuse.report.certainty import Electrodes, certainty, further, places_mm, sharpened
 from softfuse.report.columns import Unit, unit_of
+from softfuse.report.figures import misfits, usefulness
 from softfuse.report.page import page, picture, table
-from softfuse.report.presses import Felt
+from softfuse.report.presses import Felt, felt_presses, press_at
+from softfuse.robot.file import save_edited
+from softfuse.robot.robot import Robot, build_robot
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.crossed.settings import CrossedSettings
 
@@ -45,12 +54,13 @@ _WRITTEN: dict[Measure, Callable[[float, float], tuple[str, str]]] = {
 _OFF = 0.2
 """Readings of a press that count less than this part of what they would if they fitted are told."""
 
+Seen = Callable[[str], Callable[[], None]]
+"""Of some work by name, what is called after each part of it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Further:
-    """Further presses, at places (s, 2) mm where there is a map of them, what people call each (s,), and what
-    it would tell (s,) [nat].
-    """
+    """Further presses: places (s, 2) mm if there is a map, what each (s,) is called, its gain (s,) [nat]."""
 
     place_mm: Float[np.ndarray, "s 2"] | None
     called: Sequence[str]
@@ -64,9 +74,7 @@ class Further:
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """A robot as it was fitted, the presses it was fitted to, the fit, what was found of crossed electrodes,
-    and what may be pressed next.
-    """
+    """The fitted robot, its presses, the fit, what was found of crossed electrodes, what to press next."""
 
     fitted: Fitted
     felt: Felt
@@ -288,3 +296,50 @@ def _next(further: Further) -> str:
 
 def _rms(values: Float[np.ndarray, " n"]) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+def calibrated_robot(
+    robot: Robot, recordings: Sequence[Recording], out: Path, *, presses: str | None = None, seen: Seen
+) -> Calibrated:
+    """A robot fitted to presses in recordings, all or those in a list such as "0-4"; written to `out`, last
+    the report beside it.
+
+    Raises ConfigError for a robot that cannot be fitted, RecordingError for a recording without such presses,
+    SoftfuseError when presses cannot be explained.
+    """
+    fitted = Fitted.of(robot)
+    may_differ = build_adjustments(fitted)
+    felt = felt_presses(fitted, recordings, presses, seen=seen("sensing"))
+    gains = sharpened(felt, robot.settings, robot.suite.contact_sensors)
+    if gains is not None:
+        robot = build_robot(with_gains(robot.settings, gains), robot.mesh)
+        fitted = Fitted.of(robot)
+        felt = felt_presses(fitted, recordings, presses, seen=seen("sensing"))
+    known = felt.presses
+    adjustments = adjustments_of_presses(fitted, may_differ, known.applied, felt.called)
+    adjustable = Adjustable(fitted.model, adjustments)
+    found = fit(adjustable, known, seen=seen("fitting"))
+    beyond = further(fitted, known.applied)
+    answer = adjustable.answer(found.value, beyond, seen=seen("looking at further presses"))
+    sure, electrodes = certainty(fitted, felt, found, answer, beyond, gains, out)
+    edits = calibrated_edits(fitted, adjustments, found.value)
+    save_edited(robot.settings.path, out, {**edits, **sure})
+    told = np.where(known.told, known.sigma, np.nan)
+    noise = np.nan_to_num(np.nanmedian(told, axis=0), nan=np.inf)
+    called = [
+        f"{press_at(fitted, beyond, press)}, {force:.3g} N"
+        for press, force in zip(beyond.press, beyond.force_N[:, 0], strict=True)
+    ]
+    tells = gain(found, answer, noise, known.kind)
+    more = Further(places_mm(robot.settings, beyond), called, tells)
+    calibrated = Calibrated(fitted, felt, found, electrodes, more)
+    write_report(out.with_suffix(".html"), calibrated)
+    return calibrated
+
+
+def check_out(out: Path) -> None:
+    """Raise SoftfuseError unless a calibrated robot can be written to a file."""
+    if out.suffix != ".toml":
+        raise SoftfuseError(f"--out {out}: give a file that ends with .toml")
+    if not out.parent.is_dir():
+        raise SoftfuseError(f"--out {out}: there is no folder {out.parent}")

@@ -10,15 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from softfuse.calibration.array_pose import Located, PoseFit, fit_pose
-from softfuse.calibration.electrode_baseline import Untouched, untouched
-from softfuse.calibration.electrode_edits import baseline_edits, gain_edits
+from softfuse.calibration.electrode_edits import Untouched, baseline_edits, gain_edits, untouched
 from softfuse.calibration.electrode_gains import GainFit, LineSignals, fit_gains
-from softfuse.calibration.fit import Fit
-from softfuse.calibration.grid import Grid
+from softfuse.calibration.fit import Fit, Grid
 from softfuse.calibration.of_robot import Fitted, build_pose_prior, pose_edits
 from softfuse.calibration.presses import Answer, Applied
-from softfuse.estimation.model_error import missed
-from softfuse.estimation.reading_spread import write_spread
+from softfuse.estimation.model_error import missed, write_spread
 from softfuse.functional.chart import facing
 from softfuse.report.presses import Felt
 from softfuse.robot.file import Edits
@@ -34,9 +31,7 @@ _MOST_PLACES = 40
 
 @dataclass(frozen=True, eq=False)
 class Electrodes:
-    """Where crossed electrodes lie on the body, their gains, and what they read untouched; None for what is
-    not known.
-    """
+    """Where crossed electrodes lie, their gains, and what they read untouched; None for what is not known."""
 
     pose: PoseFit | None = None
     gains: GainFit | None = None
@@ -76,9 +71,7 @@ def further(fitted: Fitted, applied: Applied) -> Applied:
 
 
 def sharpened(felt: Felt, settings: RobotSettings, suite_sensors: tuple) -> GainFit | None:
-    """The gains of crossed electrodes, as presses tell them; None where they do not, or lines are not to
-    differ.
-    """
+    """The gains of crossed electrodes that presses tell; None where they do not, or lines may not differ."""
     sigma = settings.calibration.electrode_gain
     lines = _lines(settings)
     signals = None if lines is None or sigma == 0 else _signals(felt, lines.name)

@@ -30,14 +30,16 @@ Value = float | str
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit for people: how columns' names end, how it is written, its number per SI unit, and digits worth
-    writing.
-    """
+    """A unit: how columns' names end, how people write it, its number per SI unit, digits worth writing."""
 
     suffix: str
     label: str
     factor: float
     digits: int
+
+    def of(self, name: str) -> str:
+        """The name of a column in it."""
+        return f"{name}_{self.suffix}" if self.suffix else name
 
 
 UNITS = {
@@ -62,9 +64,7 @@ def unit_of(si: str) -> Unit:
 
 @dataclass(frozen=True)
 class Column:
-    """One column: its name, which ends with the unit, and how many digits of a number are worth writing; None
-    for text.
-    """
+    """One column: its name, which ends with the unit, and the digits worth writing of it; None for text."""
 
     name: str
     digits: int | None
@@ -73,7 +73,7 @@ class Column:
     def of(cls, name: str, si: str) -> "Column":
         """Of something with an SI unit."""
         unit = unit_of(si)
-        return cls(f"{name}_{unit.suffix}" if unit.suffix else name, unit.digits)
+        return cls(unit.of(name), unit.digits)
 
     def written(self, value: Value) -> str:
         """The value as the field of a table; nothing where it is not known."""

@@ -14,7 +14,7 @@ from softfuse.design.plan import DesignPlan
 from softfuse.design.problem import Problem
 from softfuse.design.search import Found, Trial
 from softfuse.design.verification import Pressed
-from softfuse.report.design_figures import outlines, sensitivity_maps, tried
+from softfuse.report.figures import outlines, sensitivity_maps, tried
 from softfuse.report.page import page, picture, table
 from softfuse.robot.layout.cube_sphere import cube_sphere
 from softfuse.robot.layout.layout import AbstractLayout

@@ -2,7 +2,7 @@
 lines are true or measured, thin ones estimated.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -184,36 +184,6 @@ def electrode_image(image: Image) -> "Figure":
     return figure
 
 
-def deformed_shape(
-    rest_m: Float[np.ndarray, "p 3"],
-    displacement_m: Float[np.ndarray, "p 3"],
-    faces: Int[np.ndarray, "f 3"],
-) -> "Figure":
-    """Outer surface in its deformed shape, true to scale, coloured by how far each face has moved."""
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    figure = blank(6.4, 4.2)
-    axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    moved = 1e3 * np.linalg.norm(displacement_m, axis=1)[faces].mean(axis=1)
-    scale = Normalize(0, max(float(moved.max(initial=0.0)), 1e-3))
-    corners = 1e3 * (rest_m + displacement_m)[faces]
-    colours = colormaps["viridis"](scale(moved))
-    axes.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors="0.35", linewidths=0.15))
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    axes.set_box_aspect(high - low)
-    axes.view_init(elev=38, azim=-60)
-    axes.set(zticks=[round(float(low[2])), round(float(high[2]))])
-    figure.colorbar(
-        ScalarMappable(scale, "viridis"), ax=axes, label="displacement [mm]", shrink=0.7, pad=0.12
-    )
-    return figure
-
-
 def latencies(latency_ms: Float[np.ndarray, " n"]) -> "Figure":
     """How long the frames with a contact took."""
     figure = blank(5, 2.6)
@@ -231,3 +201,125 @@ def flat_triangles(faces: Int[np.ndarray, "f s"]) -> Int[np.ndarray, "t 3"]:
     return np.concatenate(
         [np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
     )
+
+
+def misfits(
+    reading: Float[np.ndarray, "s k"],
+    before: Float[np.ndarray, "s k"],
+    after: Float[np.ndarray, "s k"],
+    names: Sequence[str],
+    unit: str,
+) -> "Figure":
+    """Measured minus modelled readings of s samples over measured ones, before and after a fit, in a unit."""
+    figure = blank(9, 3.4)
+    for axes, misfit, title in zip(
+        figure.subplots(1, 2, sharey=True),
+        (before, after),
+        ("before", "after"),
+        strict=True,
+    ):
+        for k, name in enumerate(names):
+            axes.plot(reading[:, k], misfit[:, k], ".", color=colour(k), label=name)
+        axes.axhline(0.0, color="0.6", lw=0.8)
+        axes.set(title=title, xlabel=f"measured [{unit}]")
+        axes.grid(alpha=0.3)
+    figure.axes[0].set_ylabel(f"measured minus modelled [{unit}]")
+    figure.axes[1].legend(title="cavity", fontsize="small")
+    return figure
+
+
+def usefulness(place_mm: Float[np.ndarray, "s 2"], gain: Float[np.ndarray, " s"]) -> "Figure":
+    """What one more press at each of s places would tell [nat], seen from above."""
+    figure = blank(4.6, 4)
+    axes = figure.subplots()
+    drawn = axes.scatter(*place_mm.T, c=gain, s=260, marker="s", cmap="viridis")
+    axes.plot(*place_mm[np.argmax(gain)], "+", color="white", ms=12)
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+    figure.colorbar(drawn, ax=axes, label="gain [nat]")
+    return figure
+
+
+def maps(
+    x_mm: Float[np.ndarray, " a"],
+    y_mm: Float[np.ndarray, " b"],
+    values: dict[str, Float[np.ndarray, "a b"]],
+) -> "Figure":
+    """One map for each of the values (a, b), by title, over x (a,) and y (b,); what is infinite is white."""
+    figure = blank(4.6 * len(values), 3.9)
+    for axes, (title, value) in zip(np.ravel(figure.subplots(1, len(values))), values.items(), strict=True):
+        finite = np.where(np.isfinite(value), value, np.nan)
+        drawn = axes.pcolormesh(x_mm, y_mm, finite.T, shading="nearest", cmap="viridis")
+        axes.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+        figure.colorbar(drawn, ax=axes)
+    return figure
+
+
+def spots(at_mm: Float[np.ndarray, "s 3"], values: dict[str, Float[np.ndarray, " s"]]) -> "Figure":
+    """Places (s, 3) of a surface, a picture for each of the values (s,), by title; infinite ones white."""
+    figure = blank(4.6 * len(values), 4.2)
+    for k, (title, value) in enumerate(values.items(), start=1):
+        axes = figure.add_subplot(1, len(values), k, projection="3d")
+        finite = np.where(np.isfinite(value), value, np.nan)
+        drawn = axes.scatter(*at_mm.T, c=finite, cmap="viridis", s=30, edgecolors="0.6", linewidths=0.3)
+        axes.set(title=title, xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+        axes.set_box_aspect(np.maximum(np.ptp(at_mm, axis=0), 1.0))
+        figure.colorbar(drawn, ax=axes, shrink=0.7)
+    return figure
+
+
+def tried(searches: Mapping[str, Float[np.ndarray, " n"]], name: str, before: float) -> "Figure":
+    """The objective, called `name`, of each trial (n,) of each search, NaN where a mesh was worn, over its
+    number; and that of the device as it is.
+    """
+    figure = blank(8, 3.2)
+    axes = figure.subplots()
+    axes.axhline(before, color=TRUTH, lw=1, ls="--", label="device as it is")
+    for k, (search, values) in enumerate(searches.items()):
+        axes.plot(np.arange(1, len(values) + 1), values, ".-", lw=1, color=colour(k), label=search)
+    axes.set(xlabel="trial", ylabel=name)
+    axes.set_ylim(bottom=0.0)
+    axes.legend(loc="upper right", fontsize="small")
+    axes.grid(alpha=0.3)
+    return figure
+
+
+def outlines(
+    low_mm: Float[np.ndarray, "3"],
+    high_mm: Float[np.ndarray, "3"],
+    before_mm: Sequence[Float[np.ndarray, "m 3"]],
+    after_mm: Sequence[Float[np.ndarray, "m 3"]],
+) -> "Figure":
+    """The block between two corners (3,) from above and from two sides, and the outlines of cavities of
+    points (m, 3) before, dashed, and after.
+    """
+    from matplotlib.patches import Rectangle
+    from scipy.spatial import ConvexHull
+
+    figure = blank(12, 4.4)
+    size = high_mm - low_mm
+    for axes, (a, b) in zip(figure.subplots(1, 3), ((0, 1), (0, 2), (1, 2)), strict=True):
+        axes.add_patch(Rectangle((low_mm[a], low_mm[b]), size[a], size[b], fill=False, color="0.2"))
+        for cavities, style in ((before_mm, {"ls": "--", "color": TRUTH}), (after_mm, {"color": ESTIMATE})):
+            for points in cavities:
+                flat = points[:, [a, b]]
+                ring = flat[np.append(ConvexHull(flat).vertices, ConvexHull(flat).vertices[:1])]
+                axes.plot(*ring.T, lw=1.2, **style)
+        axes.set(xlabel=f"{'xyz'[a]} [mm]", ylabel=f"{'xyz'[b]} [mm]", aspect="equal")
+        axes.margins(0.05)
+    return figure
+
+
+def sensitivity_maps(
+    x_mm: Float[np.ndarray, " s"],
+    y_mm: Float[np.ndarray, " s"],
+    values: Mapping[str, Float[np.ndarray, " s"]],
+) -> "Figure":
+    """One map for each of the values (s,) at places (s,), by its title, all in the same colours from 0."""
+    figure = blank(4.6 * len(values), 3.9)
+    most = max(float(np.max(value)) for value in values.values())
+    for axes, (title, value) in zip(np.ravel(figure.subplots(1, len(values))), values.items(), strict=True):
+        drawn = axes.scatter(x_mm, y_mm, c=value, s=90, marker="s", vmin=0.0, vmax=most, cmap="viridis")
+        axes.set(title=title, xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
+        axes.margins(0.12)
+        figure.colorbar(drawn, ax=axes)
+    return figure

@@ -12,9 +12,8 @@ from jaxtyping import Bool, Float
 
 from softfuse.errors import ConfigError
 from softfuse.estimation.doubts import TrackerSettings
-from softfuse.estimation.observability import Observability, observability, response
-from softfuse.functional.workspace import FlatWorkspace
-from softfuse.report.observability_figures import maps, spots
+from softfuse.estimation.uncertainty import Observability, observability, response
+from softfuse.report.figures import maps, spots
 from softfuse.report.page import page, picture, table
 from softfuse.robot.names import named_places
 from softfuse.robot.robot import Robot
@@ -44,20 +43,14 @@ class Expected:
     @property
     def force_told(self) -> Bool[np.ndarray, " s"]:
         """Where the force is told well (s,)."""
-        return self._force_sigma_N <= _FORCE_PART * self.force_N
+        sigma = self.found.force_sigma_N if self.seen else self.found.blind_force_sigma_N
+        return sigma <= _FORCE_PART * self.force_N
 
     @property
     def place_told(self) -> Bool[np.ndarray, " s"]:
         """Where the place is told well (s,)."""
-        return np.linalg.norm(self._place_sigma_m, axis=1) <= _PLACE_M
-
-    @property
-    def _force_sigma_N(self) -> Float[np.ndarray, " s"]:
-        return self.found.force_sigma_N if self.seen else self.found.blind_force_sigma_N
-
-    @property
-    def _place_sigma_m(self) -> Float[np.ndarray, "s 2"]:
-        return self.found.place_sigma_m if self.seen else self.found.blind_place_sigma_m
+        sigma = self.found.place_sigma_m if self.seen else self.found.blind_place_sigma_m
+        return np.linalg.norm(sigma, axis=1) <= _PLACE_M
 
     def summary(self) -> list[tuple[str, str]]:
         """Medians and the largest, and where it is told well."""
@@ -182,7 +175,7 @@ def expected(
     )
     found = observability(answer, covariance, place_sigma_m)
     names = tuple(named) if workspace is None else ()
-    grid = side if isinstance(workspace, FlatWorkspace) else None
+    grid = None if settings.direction is None else side
     seen = not bool(robot.unseen[slot])
     return Expected(robot, settings.name, force_N, places, names, found, seen, grid)
 

@@ -3,9 +3,10 @@ said.
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,17 +15,60 @@ from softfuse.calibration.of_robot import Fitted
 from softfuse.calibration.presses import Applied, Presses
 from softfuse.errors import RecordingError, SoftfuseError
 from softfuse.estimation.compiled_suite import CompiledSuite
-from softfuse.experiment.contact_accuracy import NOWHERE
+from softfuse.estimation.tracked import Frame
+from softfuse.experiment.accuracy import NOWHERE
 from softfuse.functional.chart import facing
-from softfuse.hardware.recording import Recording
-from softfuse.mechanics.cable import ShortenedCable
+from softfuse.hardware.recording import Recording, read_recording
+from softfuse.hardware.table.form import TableForm
 from softfuse.report.columns import Columns
 from softfuse.report.truth import Truth
-from softfuse.robot.robot import Robot
+from softfuse.robot.recording import RecordingSettings
+from softfuse.robot.robot import Robot, require_sensors
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.cable_length import CableLengthSettings
-from softfuse.sensors.pressure.sensor import PressureSettings
 from softfuse.sensors.suite import Observation, SensorSuite
+
+_AT_ONCE = 1 << 14
+"""Frames that are made from the columns side by side."""
+
+
+def table_form(settings: RecordingSettings) -> TableForm:
+    """How recordings are written, as far as the settings tell."""
+    return TableForm(**dict(settings))
+
+
+def read_sensors(settings: RobotSettings, path: Path) -> Recording:
+    """A recording of a robot's sensors.
+
+    Raises ConfigError for a robot without sensors, RecordingError as `read_recording` does.
+    """
+    require_sensors(settings)
+    return read_recording(path, list(settings.channels), table_form(settings.recording))
+
+
+def sensor_frames(settings: RobotSettings, recording: Recording) -> Iterator[Frame]:
+    """The recording's frames with the readings in the order of the robot's channels, one after the other."""
+    n = len(recording.time_s)
+    for start in range(0, n, _AT_ONCE):
+        part = recording.rows(np.arange(start, min(start + _AT_ONCE, n)))
+        raw = part.matrix(settings.channels)
+        for at, readings in zip(part.time_s, raw, strict=True):
+            yield Frame(float(at), readings)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The frames of a recording that are estimated, flagged among all of its n frames, and alone."""
+
+    estimated: Bool[np.ndarray, " n"]
+    recording: Recording
+
+    @classmethod
+    def of(cls, whole: Recording, every: int) -> "Part":
+        """Every so many frames, and the samples with truth."""
+        estimated = np.arange(len(whole.time_s)) % every == 0
+        if "sample" in whole.columns:
+            estimated |= whole.columns["sample"] > 0
+        return cls(estimated, whole.rows(np.flatnonzero(estimated)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,9 +243,7 @@ def _presses(
     observed: Sequence[Observation],
     contacts: int,
 ) -> Presses:
-    """Samples at frames (s,) of which so much was observed, under so many contacts, some of which may press
-    with nothing.
-    """
+    """Samples at frames (s,) of which so much was observed, under so many contacts, some without force."""
     reading, sigma, valid = (
         np.array([getattr(each, name) for each in observed]) for name in ("reading", "sigma", "valid")
     )
@@ -232,28 +274,14 @@ def _prescribed(
     valid: Bool[np.ndarray, "s k"],
 ) -> tuple[Float[np.ndarray, "s a"], Bool[np.ndarray, " s"]]:
     """What the actuators are driven with in samples, and in which of them that is known (s,)."""
-    robot, settings = fitted.robot, fitted.robot.settings
-    low, _ = robot.ranges
+    low, _ = fitted.robot.ranges
     prescribed, known = np.tile(low, (len(at), 1)), np.ones(len(at), bool)
-    drives = robot.addresses.drives
-    for sensor in settings.sensors:
-        if isinstance(sensor, CableLengthSettings):
-            names = sensor.cables
-        elif isinstance(sensor, PressureSettings):
-            gas = {chamber.name: chamber.gas for chamber in settings.chambers}
-            names = tuple(name if gas[name] == "driven" else None for name in sensor.chambers)
-        else:
-            continue
-        own = robot.addresses.readings[sensor.name]
-        for number, name in zip(range(own.start, own.stop), names, strict=True):
-            if name is not None:
-                prescribed[:, drives[name]] = reading[:, number]
-                # Where nobody knows what an actuator does, nothing is known of the shape.
-                known &= valid[:, number]
-    for command in robot.commands:
+    for number in np.flatnonzero(fitted.told >= 0):
+        prescribed[:, fitted.told[number]] = reading[:, number]
+        # Where nobody knows what an actuator does, nothing is known of the shape.
+        known &= valid[:, number]
+    for command in fitted.robot.commands:
         given = recording.columns[command.channel][at] * command.factor
-        if command.of_answer and not isinstance(fitted.model.actuators[command.drive], ShortenedCable):
-            continue
         prescribed[:, command.drive] = np.nan_to_num(given)
         known &= np.isfinite(given)
     return prescribed, known

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.experiment.shape_accuracy import PULLED_M
+from softfuse.experiment.accuracy import PULLED_M
 from softfuse.mesh.surface import outer_surface
 from softfuse.report import figures, shape_figures
 from softfuse.report.columns import Column
@@ -116,8 +116,8 @@ def _readings(study: Study) -> str:
     html = ""
     for unit in dict.fromkeys(columns.units):
         shown = [name for name, each in zip(names, columns.units, strict=True) if each == unit]
-        measured = study.series([_with_unit(name, unit.suffix) for name in shown])
-        misfit = study.series([_with_unit(f"{name}_misfit", unit.suffix) for name in shown])
+        measured = study.series([unit.of(name) for name in shown])
+        misfit = study.series([unit.of(f"{name}_misfit") for name in shown])
         panels = [
             Panel(f"reading [{unit.label}]", shown, measured - misfit, measured),
             Panel(f"misfit [{unit.label}]", shown, misfit),
@@ -125,10 +125,6 @@ def _readings(study: Study) -> str:
         drawn = over_time(study.time_s, panels, "measured")
         html += picture(drawn, "Readings since rest, and by how much the model misses them.")
     return html
-
-
-def _with_unit(name: str, suffix: str) -> str:
-    return f"{name}_{suffix}" if suffix else name
 
 
 def _cables(study: Study) -> str:

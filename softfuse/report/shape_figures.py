@@ -52,9 +52,7 @@ def sharp_edges(rest_m: Float[np.ndarray, "k 3"], faces: Int[np.ndarray, "f 3"])
 def shapes(
     rest_m: Float[np.ndarray, "k 3"], faces: Int[np.ndarray, "f 3"], seen: Sequence[Shape]
 ) -> "Figure":
-    """Each shape from above, from the side and at an angle, true to scale, over the edges of the body at
-    rest.
-    """
+    """Each shape from above, from the side and at an angle, true to scale, over the body's edges at rest."""
     height = 3.1 * len(seen) + 0.5
     figure = blank(12.5, height)
     # Titles are wider than what they stand over, and artists in space larger than their axes.

@@ -15,21 +15,26 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from softfuse.estimation.shape_spread import displacement_sigma
 from softfuse.estimation.stream import Estimate
 from softfuse.estimation.tracked import Tracked
-from softfuse.experiment.accuracy import Samples, Spread, force_table, location_table, scaled
-from softfuse.experiment.contact_accuracy import (
+from softfuse.estimation.uncertainty import displacement_sigma
+from softfuse.experiment.accuracy import (
     NOWHERE,
+    PULLED_M,
     ContactSamples,
+    Samples,
+    ShapeSamples,
+    Spread,
     contact_force_table,
+    force_table,
     largest_force,
+    location_table,
+    position_table,
+    scaled,
 )
-from softfuse.experiment.shape_accuracy import PULLED_M, ShapeSamples, position_table
 from softfuse.hardware.recording import Recording
 from softfuse.report.columns import Columns, Value
-from softfuse.report.matching import matched_contacts
-from softfuse.report.truth import Truth
+from softfuse.report.truth import Truth, matched_contacts
 from softfuse.robot.robot import Robot
 
 
@@ -51,9 +56,7 @@ class Peaks:
         self._within_run = False
 
     def see(self, frame: int, going: bool, size: float, now: Estimate) -> None:
-        """Look at the next frame, in which a run is `going` or not; without a positive size it only ends a
-        run or lets it go on.
-        """
+        """Look at the next frame, in a run or not (`going`); without a positive size it is no peak."""
         if not going:
             self._within_run = False
         elif size > 0:
@@ -136,9 +139,7 @@ class Study:
 
     @cached_property
     def sampled(self) -> Int[np.ndarray, " s"]:
-        """The frames (s,) at which place and force of the contacts are known and something presses; none
-        where these are at places with names.
-        """
+        """Frames (s,) in which something presses of known place and force; none where places have names."""
         if any(self.columns.named):
             return np.zeros(0, int)
         at = self.truth.samples([*self._axes, "force_N"])

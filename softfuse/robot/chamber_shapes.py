@@ -11,7 +11,7 @@ profile.
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import isqrt
 from typing import Annotated, Any, Literal, Self
 
@@ -137,27 +137,16 @@ def written_shape(shape: CavityShape, values: Float[Array | np.ndarray, " v"]) -
     keys: dict[str, Any] = {"profile": "", "half": [_written(size, LENGTH, "mm") for size in place[3:6]]}
     if any(place[6:]):
         keys["turn"] = [_written(angle, ANGLE, "deg") for angle in place[6:]]
-    profile = shape.profile
-    base = profile.base if isinstance(profile, FreeForm) else profile
-    keys |= _written_profile(base, by_name)
-    if isinstance(profile, FreeForm):
-        count = len(base.names) + len(PLACE)
-        keys["harmonics"] = [_rounded(by_name[name]) for name in shape.names[count:]]
+    (parameter, value), *harmonics = ((name, by_name[name]) for name in shape.names[len(PLACE) :])
+    keys |= _PROFILES[parameter](value)
+    if harmonics:
+        keys["harmonics"] = [_rounded(coefficient) for _, coefficient in harmonics]
     return keys
 
 
 def written_centre(shape: CavityShape, values: Float[Array | np.ndarray, " v"]) -> list[str]:
     """The centre in the values (v,) of a shape, for a file."""
     return [_written(float(x), LENGTH, "mm") for x in shape.centre(jnp.asarray(values))]
-
-
-def _written_profile(base: AbstractProfile, by_name: Mapping[str, float]) -> dict[str, Any]:
-    match base:
-        case RoundedBox():
-            return {"profile": "rounded-box", "fillet": _written(by_name["fillet"], LENGTH, "mm")}
-        case Superellipsoid():
-            return {"profile": "superellipsoid", "roundness": _rounded(by_name["roundness"])}
-    raise TypeError(f"a cavity with the profile {base} has no settings")
 
 
 def _written(value: float, dimension: Dimension, unit: str) -> str:
@@ -167,3 +156,10 @@ def _written(value: float, dimension: Dimension, unit: str) -> str:
 
 def _rounded(value: float) -> float:
     return float(f"{value:.{_DIGITS}g}")
+
+
+_PROFILES: Mapping[str, Callable[[float], dict[str, Any]]] = {
+    "fillet": lambda value: {"profile": "rounded-box", "fillet": _written(value, LENGTH, "mm")},
+    "roundness": lambda value: {"profile": "superellipsoid", "roundness": _rounded(value)},
+}
+"""The keys of a profile by its parameter."""

@@ -115,6 +115,18 @@ class ContactSettings(Settings):
         return self.radius
 
     @property
+    def layer(self) -> float | None:
+        """Compliance [m/Pa] of a soft layer through which it presses, 0: none; None of what has no layer."""
+        return None
+
+    @property
+    def line(self) -> tuple[float, float | None] | None:
+        """Length [m] of a line along the first tangent of its place, anywhere on which it may press, and the
+        standard deviation [m] around its middle, None: even; None of what presses at its place.
+        """
+        return None
+
+    @property
     def bounds(self) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, " d"]]:
         """The lowest and highest of the forces (d,) [N] that one contact is driven with."""
         return np.zeros(1), np.full(1, self.max_force)
@@ -173,6 +185,11 @@ class DiscSettings(ContactSettings):
     """
 
     compliance: Annotated[LayerCompliance, Ge(0)] = 0.0
+
+    @property
+    def layer(self):
+        """As configured."""
+        return self.compliance
 
     def real(self, skin):
         """The same disc, through both layers."""
@@ -259,6 +276,11 @@ class PatchSettings(ContactSettings):
     model: Literal["patch"]
     span: PositiveLength | None = None
     place_sigma: PositiveLength | None = None
+
+    @property
+    def line(self):
+        """The span."""
+        return None if self.span is None else (self.span, self.place_sigma)
 
     def indenter(self, surface):
         """One patch, or two at the ends of the span."""

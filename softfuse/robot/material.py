@@ -10,11 +10,21 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
+import numpy as np
 from annotated_types import Ge
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
 from softfuse.io.quantity import Density, Number, PositivePressure, Pressure, shown, wrong_value
 from softfuse.io.settings import NotEmpty, Settings
+from softfuse.material import (
+    AbstractMaterial,
+    Corotational,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    SaintVenantKirchhoff,
+    Yeoh,
+)
 from softfuse.material.silicones import POISSON, SILICONES
 
 
@@ -37,6 +47,10 @@ class MaterialSettings(Settings):
 
     density: Annotated[Density, Ge(0)] = 0.0
 
+    @abstractmethod
+    def material(self) -> AbstractMaterial:
+        """Its strain-energy density."""
+
     def stiffness_times(self, factor: float) -> dict[str, float | tuple[float, ...]]:
         """The keys in Pa that are given, with their values multiplied by a factor."""
         given = {key: getattr(self, key) for key in self.stiffness_keys}
@@ -51,6 +65,7 @@ class OneModulus(MaterialSettings):
     """Young's modulus in Pa and Poisson's ratio at small strains."""
 
     stiffness_keys: ClassVar[tuple[str, ...]] = ("young",)
+    kind: ClassVar[type[NeoHookean | SaintVenantKirchhoff | Corotational]]
 
     young: PositivePressure
     poisson: PoissonRatio
@@ -65,22 +80,29 @@ class OneModulus(MaterialSettings):
         """Lamé's λ in Pa."""
         return 2.0 * self.shear_modulus * self.poisson / (1.0 - 2.0 * self.poisson)
 
+    def material(self):
+        """Of its kind."""
+        return self.kind.from_young(self.young, self.poisson)
+
 
 class NeoHookeanSettings(OneModulus):
     """Neo-Hookean law."""
 
+    kind: ClassVar = NeoHookean
     law: Literal["neo-hookean"]
 
 
 class SaintVenantKirchhoffSettings(OneModulus):
     """Saint Venant-Kirchhoff law; it collapses in strong compression."""
 
+    kind: ClassVar = SaintVenantKirchhoff
     law: Literal["saint-venant-kirchhoff"]
 
 
 class CorotationalSettings(OneModulus):
     """Linear law in the rotated frame."""
 
+    kind: ClassVar = Corotational
     law: Literal["corotational"]
 
 
@@ -128,6 +150,10 @@ class MooneyRivlinSettings(SeveralModuli):
         """μ in Pa at small strains."""
         return 2.0 * (self.c10 + self.c01)
 
+    def material(self):
+        """The law."""
+        return MooneyRivlin(self.c10, self.c01, self.lame)
+
 
 class YeohSettings(SeveralModuli):
     """Yeoh law of C1, C2, C3 in Pa; μ = 2 C1."""
@@ -143,6 +169,10 @@ class YeohSettings(SeveralModuli):
     def shear_modulus(self) -> float:
         """μ in Pa at small strains."""
         return 2.0 * self.c1
+
+    def material(self):
+        """The law."""
+        return Yeoh(self.c1, self.c2, self.c3, self.lame)
 
 
 def _named(given: Any) -> Any:
@@ -187,6 +217,10 @@ class OgdenSettings(SeveralModuli):
         if 0.0 in alpha:
             raise wrong_value("an exponent of 0 has no energy: remove the term")
         return alpha
+
+    def material(self):
+        """The law."""
+        return Ogden(np.array(self.mu), np.array(self.alpha), self.lame)
 
 
 Material = Annotated[

@@ -48,5 +48,5 @@ def named_places(settings: RobotSettings, contact: str) -> dict[str, Float[np.nd
     """The places (3, 3) with names, such as electrodes, where a contact is seen; none where it may be
     anywhere.
     """
-    seeing = [sensor for sensor in settings.sensors if getattr(sensor, "contact", None) == contact]
-    return {name: place for sensor in seeing for name, place in sensor.places.items()}
+    places = [seen for sensor in settings.sensors for seen in sensor.places]
+    return {seen.name: seen.place for seen in places if seen.contact == contact}

@@ -16,8 +16,7 @@ from jaxtyping import Array, Float, Int
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.centreline import bending, tip_turn
 from softfuse.functional.chart import direction_of
-from softfuse.functional.contact import ContactSurface
-from softfuse.functional.face_search import EveryFace
+from softfuse.functional.contact import ContactSurface, EveryFace
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State

@@ -8,23 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softfuse.body.body import Body
 from softfuse.errors import ConfigError, SolveError
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import RESULTS
 from softfuse.robot.digest import digest
 from softfuse.robot.robot import Robot
 from softfuse.robot.settings import RobotSettings
-from softfuse.rom.atlas import Atlas, AtlasFolder
-from softfuse.rom.cells import AbstractRegions, Cells, Spots
-from softfuse.rom.chart import Chart
-from softfuse.rom.load_paths import LoadPath, presses, pushes
-from softfuse.rom.reach import places_over
-from softfuse.rom.rest_stiffness import RestStiffness
-from softfuse.rom.snapshots import LoadsAt
-from softfuse.rom.teaching import ChartSettings, teach
+from softfuse.rom.basis import RestStiffness
+from softfuse.rom.cells import AbstractRegions, Cells, Spots, places_over
+from softfuse.rom.rom_file import Atlas, AtlasFolder
+from softfuse.rom.snapshots import LoadPath, LoadsAt, presses, pushes
+from softfuse.rom.teaching import Chart, ChartSettings, teach
 
-_REVISION = 6
+_REVISION = 7
 """To be raised when other charts come of the same settings."""
 
 _LIGHT = 1e-2
@@ -92,11 +88,10 @@ class Teacher:
     def chart(self, number: int) -> Chart:
         """The chart of a region; raises SolveError as `teach` and `largest_force` do."""
         given = self.config.reduction
-        assert isinstance(self.device.body, Body)
         paths, around = self._lesson(number)
         return teach(
             self.device.linear,
-            self.device.body,
+            self.device.body.full,
             self.stiffness,
             self._loads_at,
             paths,
@@ -112,7 +107,7 @@ class Teacher:
         contact, travel = self.config.contact(), self.config.reduction.travel
         if travel is None:
             return contact.max_force
-        place, drives = jnp.asarray(self._middle(number))[None], self.device.contacts[0].drives
+        place, drives = jnp.asarray(self.regions.middle(number))[None], self.device.contacts[0].drives
         force = _LIGHT * contact.max_force
         drive = self.device.rest_state(place).drive.at[:drives].set(force / drives)
         found = simulate(self.device, place, drive)
@@ -122,30 +117,23 @@ class Teacher:
         moved = float(jnp.max(jnp.linalg.norm(shape, axis=1)))
         return min(contact.max_force, travel * force / moved)
 
-    def _middle(self, number: int) -> Float[np.ndarray, "3 3"]:
-        """The place in the middle of a region."""
-        if isinstance(self.regions, Cells):
-            return self.regions[number].at(np.zeros(2))
-        assert isinstance(self.regions, Spots)
-        return self.regions.places[number]
-
     def _lesson(self, number: int) -> tuple[list[LoadPath], list[Array]]:
         """The load paths in a region, and places (1, ...) all over it."""
         given = self.config.reduction
-        force = self.largest_force(number)
-        if isinstance(self.regions, Cells):
-            cell = self.regions[number]
+        force, cell = self.largest_force(number), self.regions.cell(number)
+        place = jnp.asarray(self.regions.middle(number))
+        if cell is not None:
             paths = presses(cell, force, side=given.side, levels=given.levels, near=given.near)
             body = self.device.body
-            (disc,) = self.device.contacts[0].discs(body, jnp.asarray(self._middle(number)))
+            (disc,) = self.device.contacts[0].discs(body, place)
             over = places_over(cell, disc, np.asarray(body.rest))
-            return paths, [jnp.asarray(place)[None] for place in over]
-        place = jnp.asarray(self._middle(number))[None]
+            return paths, [jnp.asarray(each)[None] for each in over]
         patches = self.device.contacts[0].drives
         low, high = (
             np.append(np.full(patches, end), own) for end, own in zip((0.0, force), self._drives, strict=True)
         )
-        return pushes(place, patches, low, high, levels=given.levels, near=given.near), [place]
+        paths = pushes(place[None], patches, low, high, levels=given.levels, near=given.near)
+        return paths, [place[None]]
 
     @property
     def _drives(self) -> tuple[Float[np.ndarray, " a"], Float[np.ndarray, " a"]]:

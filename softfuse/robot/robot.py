@@ -5,7 +5,7 @@ file; readings are those of the sensors in their order. `Addresses` says which n
 counts them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import jax
@@ -28,11 +28,9 @@ from softfuse.mechanics.prescribed import PrescribedForce
 from softfuse.mechanics.reading import AbstractReading
 from softfuse.mechanics.volume import VolumePorts
 from softfuse.mesh.surface import outer_surface
-from softfuse.robot.laws import materials_of
 from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.robot.points import surface_tolerance
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.electrodes.sensor import ElectrodeSettings
 from softfuse.sensors.parts import CablePart, ChamberPart, ContactPart, Parts
 from softfuse.sensors.suite import SensorSuite
 
@@ -108,6 +106,12 @@ class Robot:
                 at = self.addresses.drives[chamber.name]
                 low[at], high[at] = chamber.lowest, chamber.highest
         return low, high
+
+    def shortened(self, cables: Collection[str]) -> tuple[AbstractLoad, ...]:
+        """The actuators' loads, cables of some names driven by their shortening instead of their tension."""
+        numbers = {self.parts.cables[name].load for name in cables}
+        loads, body = enumerate(self.model.actuators), self.model.body
+        return tuple(load.by_answer(body) if k in numbers else load for k, load in loads)
 
     def points(self) -> MaterialPoints:
         """Its named points, none or more; raises ConfigError for one outside the body."""
@@ -188,7 +192,7 @@ def build_robot(settings: RobotSettings, mesh: RobotMesh | None = None) -> Robot
 def _body(settings: RobotSettings, mesh: RobotMesh) -> Body:
     body = Body.from_mesh(
         mesh.mesh,
-        materials_of(settings.body),
+        [material.material() for material in settings.body.materials],
         mesh.fixed,
         element=ELEMENTS[settings.body.element],
         densities=[material.density for material in settings.body.materials],
@@ -246,16 +250,16 @@ def _check_electrodes(settings: RobotSettings, body: Body, contacts: Sequence[Ab
     """Raise ConfigError for an electrode that is off the surface on which its contact presses."""
     kinds = {contact.name: kind for contact, kind in zip(settings.contacts, contacts, strict=True)}
     for k, sensor in enumerate(settings.sensors):
-        if isinstance(sensor, ElectrodeSettings):
-            kind = kinds[sensor.contact]
-            places = jnp.asarray(np.stack([electrode.place() for electrode in sensor.electrodes]))
+        if sensor.places:
+            kind = kinds[sensor.places[0].contact]
+            places = jnp.asarray(np.stack([seen.place for seen in sensor.places]))
             lands = np.asarray(jax.vmap(lambda place, on=kind: on.lands(body, place))(places))
             for number in np.flatnonzero(~lands)[:1]:
+                seen = sensor.places[number]
                 raise ConfigError(
-                    f"{settings.path}: sensor[{k}].electrodes[{number}].centre: "
-                    f'"{sensor.electrodes[number].name}" is not within the radius of contact '
-                    f'"{sensor.contact}" of where its direction enters the body: move it onto the surface, '
-                    "or turn the direction"
+                    f'{settings.path}: sensor[{k}].{seen.key}.centre: "{seen.name}" is not within the radius '
+                    f'of contact "{seen.contact}" of where its direction enters the body: move it onto the '
+                    "surface, or turn the direction"
                 )
 
 

@@ -22,7 +22,6 @@ from softfuse.robot.reduction import ReductionSettings
 from softfuse.robot.source import AnySource, check_sources
 from softfuse.robot.tolerances import CalibrationSettings
 from softfuse.sensors.base import SensorSettings
-from softfuse.sensors.electrodes.sensor import ElectrodeSettings
 from softfuse.sensors.registry import SENSORS
 
 
@@ -78,12 +77,7 @@ class RobotSettings(FileSettings):
     @property
     def places(self) -> dict[str, Float[np.ndarray, "3 3"]]:
         """The places that have a name, those of electrodes, by it."""
-        return {
-            electrode.name: electrode.place()
-            for sensor in self.sensors
-            if isinstance(sensor, ElectrodeSettings)
-            for electrode in sensor.electrodes
-        }
+        return {seen.name: seen.place for sensor in self.sensors for seen in sensor.places}
 
     def contact(self, name: str | None = None) -> AnyContact:
         """The contact of a name, the only one without; raises ConfigError where there is none, or several."""
@@ -145,10 +139,9 @@ def _check_places(sensors: Sequence[SensorSettings]) -> None:
     """Raise the error of a validator for two electrodes of one name: it names their place."""
     taken: dict[str, str] = {}
     for k, sensor in enumerate(sensors):
-        if isinstance(sensor, ElectrodeSettings):
-            for number, electrode in enumerate(sensor.electrodes):
-                key = f"sensor[{k}].electrodes[{number}]"
-                if electrode.name in taken:
-                    told = f'the name "{electrode.name}" is taken by {taken[electrode.name]}'
-                    raise wrong_value(told, key=f"{key}.name")
-                taken[electrode.name] = key
+        for seen in sensor.places:
+            key = f"sensor[{k}].{seen.key}"
+            if seen.name in taken:
+                told = f'the name "{seen.name}" is taken by {taken[seen.name]}'
+                raise wrong_value(told, key=f"{key}.name")
+            taken[seen.name] = key

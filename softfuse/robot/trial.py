@@ -16,7 +16,6 @@ from softfuse.errors import SoftfuseError, SolveError
 from softfuse.functional.chart import facing
 from softfuse.functional.workspace import nearest_places
 from softfuse.io.quantity import FORCE, LENGTH, PRESSURE, Dimension
-from softfuse.mechanics.cable import PulledCable, ShortenedCable
 from softfuse.mechanics.load import AbstractContact, Loads
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.model import simulate as equilibrium_under
@@ -138,22 +137,18 @@ class Trial:
             forces.append(driven)
             places.append(place)
             contacts.append(contact.name)
-        actuators = list(robot.model.actuators)
         given = _given(cables, [each.name for each in settings.cables], "cable", (LENGTH, FORCE))
         driven = [each.name for each in settings.chambers if each.gas == "driven"]
         prescribed = {
             name: value for name, (value, _) in _given(pressures, driven, "pressure", (PRESSURE,)).items()
         }
-        numbers = [each.name for each in settings.cables]
-        for name, (value, dimension) in given.items():
+        for name, (value, _) in given.items():
             if value < 0:
                 raise SoftfuseError(f"--cable {name}: a cable is shortened or pulled, from 0 up")
             prescribed[name] = value
-            load = actuators[numbers.index(name)]
-            if dimension is LENGTH and isinstance(load, PulledCable):
-                actuators[numbers.index(name)] = ShortenedCable.of(load, robot.model.body)
+        actuators = robot.shortened([name for name, (_, what) in given.items() if what is LENGTH])
         model = replace(
-            robot.model, contacts=tuple(kinds), slots=tuple(range(len(kinds))), actuators=tuple(actuators)
+            robot.model, contacts=tuple(kinds), slots=tuple(range(len(kinds))), actuators=actuators
         )
         at = np.array(places).reshape(-1, 3, 3)
         drive = np.array(model.rest_state(jnp.asarray(at)).drive)
@@ -188,7 +183,9 @@ class Trial:
         """What holds in an equilibrium, by names: contacts, cables, chambers, readings, points, bending."""
         robot = self.robot
         model = replace(robot.model, contacts=self.model.contacts, slots=self.model.slots)
-        state, at = self._pulled(solution.state), jnp.asarray(self.places)
+        state, at = solution.state, jnp.asarray(self.places)
+        # With every cable pulled by its tension.
+        state = State(state.z, state.force, *self.model.loads(at).by_force(state.internal, state.drive))
         posture = Watched.on(robot).posture(state)
         drives = robot.addresses.drives
         readings = np.asarray(model.reading(state, at))
@@ -248,21 +245,6 @@ class Trial:
                 "tangential_N": hard[kind.shares == 0].tolist(),
                 "depth_mm": 1e3 * float(kind.shares @ deep),
             }
-
-    def _pulled(self, state: State) -> State:
-        """The state with every cable pulled by its tension."""
-        loads = self.model.loads(jnp.asarray(self.places))
-        internal, drive, kept = 0, 0, []
-        drives = np.array(state.drive)
-        for load in loads.parts:
-            sizes = load.sizes
-            if isinstance(load, ShortenedCable):
-                drives[drive] = float(state.internal[internal])
-            else:
-                kept += range(internal, internal + sizes.internal)
-            internal += sizes.internal
-            drive += sizes.drives
-        return State(state.z, state.force, state.internal[np.array(kept, int)], jnp.asarray(drives))
 
 
 def told(numbers: Mapping[str, Any]) -> str:

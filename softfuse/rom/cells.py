@@ -10,15 +10,21 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from softfuse.functional.chart import facing
+from softfuse.functional.contact import Contact
 
 _MARGIN = 0.05
 """Of a cell: how far a place may leave it before another one is looked for."""
 
+_SIDE = 21
+"""Places along each edge of a cell. They find faces whose edge crosses what a point of the disc passes over,
+and those that hold one of its corners."""
+
+_INSIDE = 1e-3
+"""So far inside a face, as a part of the way to its middle, its corners are tried."""
+
 
 class Cell(NamedTuple):
-    """Where the middle of one disc may be: up to `half` (2,) m along x and y from the `centre` (3,) m; it
-    presses along a `direction` (3,).
-    """
+    """Where a disc's middle may be, within `half` (2,) m of `centre` (3,) m; it presses along `direction`."""
 
     centre: Float[np.ndarray, "3"]
     half: Float[np.ndarray, "2"]
@@ -51,6 +57,15 @@ class AbstractRegions(ABC):
     def find(self, place: Array | np.ndarray, before: int | None = None) -> int | None:
         """The region of a place (3, 3), `before` while it is not clearly outside of that; None for none."""
 
+    @abstractmethod
+    def middle(self, number: int) -> Float[np.ndarray, "3 3"]:
+        """The place (3, 3) in the middle of a region."""
+
+    def cell(self, number: int) -> Cell | None:
+        """The cell that a region is; None of what is nearest to a place."""
+        del number
+        return None
+
 
 @dataclass(frozen=True, eq=False)
 class Spots(AbstractRegions):
@@ -65,6 +80,10 @@ class Spots(AbstractRegions):
         """The nearest."""
         del before
         return int(np.argmin(np.sum((self.places[:, 0] - np.asarray(place)[0]) ** 2, axis=1)))
+
+    def middle(self, number):
+        """The place."""
+        return self.places[number]
 
 
 @dataclass(frozen=True)
@@ -102,6 +121,12 @@ class Cells(AbstractRegions):
         place = np.array(divmod(number, self.counts[1]))
         return Cell(np.append(self.low + half * (2 * place + 1), 0.0), half, self.direction)
 
+    cell = __getitem__
+
+    def middle(self, number):
+        """That of the cell."""
+        return self[number].at(np.zeros(2))
+
     def find(self, place, before=None):
         """The cell that a place (3, 3) is in."""
         # In plain numbers: this is asked in every frame.
@@ -120,3 +145,22 @@ class Cells(AbstractRegions):
 def pairs(steps: Float[np.ndarray, " k"]) -> Float[np.ndarray, "kk 2"]:
     """All pairs (k k, 2) of some numbers (k,)."""
     return np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def places_over(cell: Cell, disc: Contact, rest: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "s 3 3"]:
+    """Places (s, 3, 3) in a cell, for a disc on a surface of nodes at `rest` (k, 3) m.
+
+    A grid; and where a point of the disc passes over a corner of a face, that comes in from there as narrow
+    as may be, a place at which the point lies in this corner.
+    """
+    surface = disc.surface
+    tangents, direction = np.asarray(surface.tangents), np.asarray(surface.direction)
+    corners = rest[np.asarray(surface.faces)[:, :3]] @ tangents.T
+    inside = corners + _INSIDE * (corners.mean(axis=1, keepdims=True) - corners)
+    offsets = np.asarray(disc.points - disc.location) @ tangents.T
+    places = (inside[:, :, None] - offsets) @ tangents + (cell.centre @ direction) * direction
+    places = facing(places.reshape(len(corners), -1, 3), direction)
+    held = cell.holds(places)
+    # One place is enough to know all nodes of a face.
+    one = np.argmax(held, axis=1)
+    return np.concatenate([cell.grid(_SIDE), places[np.arange(len(places)), one][held.any(axis=1)]])

@@ -18,7 +18,6 @@ from softfuse.errors import SolveError
 from softfuse.mechanics.dense import Dense
 from softfuse.mechanics.linear_solver import AbstractLinearSolver
 from softfuse.mechanics.load import Loads
-from softfuse.rom.reduced_body import ReducedBody
 
 
 class KnownInverses(AbstractLinearSolver):
@@ -90,7 +89,6 @@ class ReducedDense(Dense):
     @classmethod
     def with_known(cls, body: AbstractBody, known: KnownInverses) -> "ReducedDense":
         """Of a reduced body."""
-        assert isinstance(body, ReducedBody)
         return cls(body.element_unknowns, body.n, known)
 
     def rough(self) -> KnownInverses:

@@ -17,18 +17,20 @@ from jaxtyping import Array, Float, Int
 from softfuse.body.body import Body
 from softfuse.errors import SolveError
 from softfuse.functional.contact import Contact, ContactSurface, SeenFaces
-from softfuse.functional.skin import Skin
 from softfuse.mechanics.indenters import FlatIndenter, SurfacePatches
 from softfuse.mechanics.load import AbstractContact, AbstractLoad, AbstractPorts, LinearPorts
+from softfuse.mechanics.model import parts_of
 from softfuse.mechanics.patch import NormalPatches
 from softfuse.mechanics.points import AbstractGuides
 from softfuse.mechanics.punch import Punch
 from softfuse.mechanics.surface_ports import CellPorts, PlacePorts
 from softfuse.mechanics.volume import VolumePorts
 from softfuse.rom.basis import Basis
-from softfuse.rom.chart import Chart
 from softfuse.rom.projected_volume import ProjectedVolumes, projected_volumes
 from softfuse.rom.reduced_body import ReducedBody
+from softfuse.rom.teaching import Chart
+
+_NOT_REDUCED = "only a body that discs press along one direction, or patches at named places, can be reduced"
 
 
 class ProjectedGuides(AbstractGuides):
@@ -147,27 +149,32 @@ class ProjectedDiscs(AbstractContact):
         return Punch.on(CellPorts(heights, slopes, along, nodes, parts, cell), disc, body)
 
 
+@singledispatch
 def projected_contact(
     contact: AbstractContact, body: Body, small: ReducedBody, basis: Basis, places: Float[np.ndarray, "e 3 3"]
 ) -> AbstractContact:
     """A contact of a full body on its reduced one of some modes, patches at places (e, 3, 3) only. Raises
     SolveError where it has no projection.
     """
-    if isinstance(contact, SurfacePatches):
-        return projected_patches(contact, body, basis, places)
+    del body, basis, places
     return projected_discs(contact, small)
 
 
+@singledispatch
 def projected_discs(contact: AbstractContact, small: ReducedBody) -> ProjectedDiscs:
     """Discs on a reduced body. Raises SolveError for what does not press along one direction."""
-    if not isinstance(contact, FlatIndenter) or isinstance(contact.surface, Skin):
-        raise SolveError(
-            "only a body that discs press along one direction, or patches at named places, can be reduced"
-        )
-    faces, watched, seen, slopes = _seen_by_discs(contact.surface, small)
-    surface = replace(contact.surface, faces=faces)
-    disc = Contact(surface, contact.cells, jnp.zeros(3), contact.radius, contact.compliance)
-    return ProjectedDiscs(disc, watched, seen, slopes, small.n)
+    del contact, small
+    raise SolveError(_NOT_REDUCED)
+
+
+@projected_discs.register
+def _(contact: FlatIndenter, small: ReducedBody) -> ProjectedDiscs:
+    for along in parts_of(contact.surface, ContactSurface):
+        faces, watched, seen, slopes = _seen_by_discs(along, small)
+        surface = replace(along, faces=faces)
+        disc = Contact(surface, contact.cells, jnp.zeros(3), contact.radius, contact.compliance)
+        return ProjectedDiscs(disc, watched, seen, slopes, small.n)
+    raise SolveError(_NOT_REDUCED)
 
 
 @eqx.filter_jit
@@ -179,10 +186,11 @@ def _seen_by_discs(surface: ContactSurface, small: ReducedBody) -> tuple[Array, 
     return small.seen[surface.faces], watched, surface.seen(small.rest), along
 
 
-def projected_patches(
-    contact: SurfacePatches, body: Body, basis: Basis, places: Float[np.ndarray, "e 3 3"]
+@projected_contact.register
+def _(
+    contact: SurfacePatches, body: Body, small: ReducedBody, basis: Basis, places: Float[np.ndarray, "e 3 3"]
 ) -> ProjectedPatches:
-    """The patches of a full body at places (e, 3, 3) on one of some modes."""
+    del small
 
     @eqx.filter_jit
     def frames(contact: SurfacePatches, body: Body, place: Array) -> PlacePorts:

@@ -104,9 +104,7 @@ class ReducedBody(AbstractBody):
         return lambda directions: self.linear @ directions + sum(part(directions) for part in parts)
 
     def truncation(self, z: Float[Array | np.ndarray, " n"]) -> Float[Array | np.ndarray, ""]:
-        """The last modes' part of the shape [-], by energy at rest: modes come in the order of what they are
-        needed for.
-        """
+        """The last modes' part of the shape [-], by energy at rest: modes are in the order of their need."""
         moved, last = z[: self.displacement_modes], z[self.last_modes]
         # In operators that numpy's arrays have too: for these nothing is compiled.
         return (last @ last) ** 0.5 / ((moved @ moved) ** 0.5 + jnp.finfo(z.dtype).tiny)

@@ -2,22 +2,21 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.body.body import Body
-from softfuse.errors import SolveError
 from softfuse.functional.cavity import Cavity
 from softfuse.mechanics.load import Loads
-from softfuse.mechanics.model import Model
+from softfuse.mechanics.model import Model, parts_of
 from softfuse.mechanics.reading import AbstractReading, ShapeReading
-from softfuse.rom.chart import Chart
+from softfuse.rom.basis import RestStiffness
 from softfuse.rom.known_inverses import KnownInverses, ReducedDense
 from softfuse.rom.projected_ports import projected_contact, projected_load
 from softfuse.rom.projected_volume import projected_volumes
 from softfuse.rom.projection import project
-from softfuse.rom.rest_stiffness import RestStiffness
+from softfuse.rom.teaching import Chart
 
 
 def reduced_model(
@@ -26,12 +25,11 @@ def reduced_model(
     """The model with the body of a chart that was taught by its own, which has that stiffness at rest.
 
     Chambers become polynomials, actuators and what presses become rows of the modes, patches at `places` (e,
-    3, 3) only; other functionals stay, so that the chart must watch their nodes. Raises SolveError when the
-    body is a reduced one already, an actuator or a contact cannot be projected, or the stiffness is singular.
+    3, 3) only; other functionals stay, so that the chart must watch their nodes. Raises SoftfuseError when
+    the body is a reduced one already, SolveError when an actuator or a contact cannot be projected, or the
+    stiffness is singular.
     """
-    full = model.body
-    if not isinstance(full, Body):
-        raise SolveError("the device's body is a reduced one already: reduce the full device")
+    full = model.body.full
     body = project(full, stiffness, chart)
     pressed = np.reshape([*places], (-1, 3, 3))
     readings: list[AbstractReading] = []
@@ -55,19 +53,13 @@ def reduced_model(
 def volume_readings(
     readings: Sequence[AbstractReading],
 ) -> Iterator[tuple[list[Cavity], AbstractReading]]:
-    """Readings one after the other, with those of volumes that follow each other as one: the cavities, of
-    others none, and the (first) reading.
+    """Readings one by one, also those that are joined, with those of volumes that follow each other as one:
+    the cavities, of others none, and the (first) reading.
     """
-    cavities: list[Cavity] = []
-    first: AbstractReading | None = None
-    for reading in readings:
-        if isinstance(reading, ShapeReading) and isinstance(reading.functional, Cavity):
-            cavities.append(reading.functional)
-            first = first or reading
-            continue
-        if first is not None:
-            yield cavities, first
-            cavities, first = [], None
-        yield [], reading
-    if first is not None:
-        yield cavities, first
+    each = (one for joined in readings for one in joined.single)
+    for volumes, group in groupby(each, lambda one: bool(parts_of(one, Cavity))):
+        together = list(group)
+        if volumes:
+            yield parts_of(together, Cavity), together[0]
+        else:
+            yield from (([], one) for one in together)

@@ -1,25 +1,27 @@
-"""A reduced device in a file: one npz without pickled objects, with the mark of what it was made from."""
+"""Reduced devices in files: npz without pickled objects, with the mark of what they were made from.
+
+A device has one for each region where contacts may be, a chart, which is read when asked for.
+"""
 
 import zipfile
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+import scipy.linalg
+from jaxtyping import Float, Int
 
-from softfuse.body.body import Body
 from softfuse.errors import SoftfuseError
 from softfuse.io.result_folder import put_in_place
 from softfuse.mechanics.load import AbstractContact, AbstractLoad
-from softfuse.mechanics.model import Model
+from softfuse.mechanics.model import Model, parts_of
 from softfuse.mechanics.reading import AbstractReading, ShapeReading
-from softfuse.mechanics.volume import VolumePorts
 from softfuse.rom.basis import Basis
-from softfuse.rom.body_arrays import Arrays, body_arrays, body_of, of_nodes
+from softfuse.rom.cells import AbstractRegions
 from softfuse.rom.known_inverses import KnownInverses, ReducedDense
 from softfuse.rom.projected_ports import (
     ProjectedGuides,
@@ -28,13 +30,45 @@ from softfuse.rom.projected_ports import (
     projected_discs,
 )
 from softfuse.rom.projected_volume import ProjectedVolumes
+from softfuse.rom.projection import Arrays, body_arrays, body_of, of_nodes
 from softfuse.rom.reduced_body import ReducedBody
 from softfuse.rom.reduced_model import volume_readings
-from softfuse.rom.telling_unknowns import Telling, telling, telling_unknowns
+
+_ROUNDS = 2
+"""Times as many unknowns as modes, so that what no mode makes is averaged."""
 
 _Part = ProjectedVolumes | ProjectedGuides | ProjectedPatches | KnownInverses
 """What has nothing but arrays."""
+
 _Kind = TypeVar("_Kind", ProjectedVolumes, ProjectedGuides, ProjectedPatches, KnownInverses)
+
+
+class Telling(NamedTuple):
+    """Which `unknowns` (s,) of the full body, and the amplitudes `of_them` (r, s)."""
+
+    unknowns: Int[np.ndarray, " s"]
+    of_them: Float[np.ndarray, "r s"]
+
+
+def telling_unknowns(modes: Float[np.ndarray, "u r"]) -> Int[np.ndarray, " s"]:
+    """The rows (s,) of modes that tell these apart best: pivots of them all, then of those that are left.
+
+    When a contact goes from one chart to the next, its state does too. The amplitudes that come closest to it
+    in energy ask for every unknown of the full body, a few milliseconds; a few hundred unknowns, matched by
+    least squares, give amplitudes that differ by less than the charts do. Source for the choice by pivoted
+    QR: Drmač and Gugercin, SIAM J. Sci. Comput. 38, 2016 (Q-DEIM).
+    """
+    chosen = np.zeros(0, int)
+    for _ in range(_ROUNDS):
+        left = np.setdiff1d(np.arange(len(modes)), chosen)
+        pivots = np.asarray(scipy.linalg.qr(modes[left].T, mode="r", pivoting=True)[-1])
+        chosen = np.append(chosen, left[pivots[: modes.shape[1]]])
+    return chosen
+
+
+def telling(modes: Float[np.ndarray, "u r"], unknowns: Int[np.ndarray, " s"]) -> Telling:
+    """Amplitudes of modes from the unknowns (s,) that tell them apart."""
+    return Telling(unknowns, np.linalg.pinv(modes[unknowns].astype(float)))
 
 
 class Sizes(NamedTuple):
@@ -74,10 +108,8 @@ def write_device(path: Path, device: Model, basis: Basis, mark: str) -> None:
 
     Raises OSError when it cannot be written.
     """
-    assert isinstance(device.body, ReducedBody)
-    body = body_arrays(device.body, basis)
-    points = [len(each.volumes) for each in device.body.sample]
-    arrays = {"mark": np.array(mark), "points": np.array(points), **body}
+    (body,) = parts_of(device.body, ReducedBody)
+    arrays = {"mark": np.array(mark), **body_arrays(body, basis)}
     arrays |= {f"telling.{kind}": telling_unknowns(modes) for kind, modes in basis._asdict().items()}
     for name, part in _projected_parts(device):
         arrays |= {f"{name}.{each.name}": np.asarray(getattr(part, each.name)) for each in fields(part)}
@@ -95,12 +127,10 @@ def kept_sizes(path: Path, mark: str) -> Sizes:
 def read_device(path: Path, mark: str, full: Model, sizes: Sizes) -> Kept:
     """The device of a file, in the given sizes, at least its own; what it shares is the `full` one's.
 
-    Raises SoftfuseError when there is none, it is damaged, or it was made from something else than `mark`
-    says.
+    Raises SoftfuseError when there is none, it is damaged, or made from something else than `mark` says.
     """
-    assert isinstance(full.body, Body)
-    arrays = _read(path, mark)
-    body = body_of(full.body, arrays, sizes.points, sizes.watched)
+    arrays, whole = _read(path, mark), full.body.full
+    body = body_of(whole, arrays, sizes.points, sizes.watched)
     readings: list[AbstractReading] = []
     for number, (cavities, reading) in enumerate(volume_readings(full.readings)):
         if cavities:
@@ -117,7 +147,7 @@ def read_device(path: Path, mark: str, full: Model, sizes: Sizes) -> Kept:
     linear = ReducedDense.with_known(body, _part(KnownInverses, "known", arrays))
     device = Model(body, tuple(readings), tuple(contacts), linear, actuators, full.slots)
     basis = Basis(arrays["displacement"], arrays["pressure"])
-    nodal = of_nodes(full.body, np.arange(full.body.n_nodes), basis.displacement)
+    nodal = of_nodes(whole, np.arange(whole.n_nodes), basis.displacement)
     told = (
         telling(basis.displacement, arrays["telling.displacement"]),
         telling(basis.pressure, arrays["telling.pressure"]),
@@ -127,28 +157,19 @@ def read_device(path: Path, mark: str, full: Model, sizes: Sizes) -> Kept:
 
 def _projected_parts(device: Model) -> Iterator[tuple[str, _Part]]:
     """What a reduced device has instead of the full one's parts, but for the body, by name."""
-    assert isinstance(device.linear, ReducedDense)
-    yield "known", device.linear.known
-    for number, reading in enumerate(device.readings):
-        if isinstance(reading, ShapeReading) and isinstance(reading.functional, ProjectedVolumes):
-            yield f"reading{number}", reading.functional
-    for number, contact in enumerate(device.contacts):
-        if isinstance(contact, ProjectedPatches):
-            yield f"contact{number}", contact
-    for number, load in enumerate(device.actuators):
-        ports = load.ports
-        if isinstance(ports, ProjectedVolumePorts):
-            yield f"actuator{number}", ports.volumes
-        elif isinstance(ports, ProjectedGuides):
-            yield f"actuator{number}", ports
+    several = {"reading": device.readings, "contact": device.contacts, "actuator": device.actuators}
+    named = {f"{what}{k}": part for what, parts in several.items() for k, part in enumerate(parts)}
+    for name, part in {"known": device.linear, **named}.items():
+        for kept in parts_of(part, ProjectedVolumes, ProjectedGuides, ProjectedPatches, KnownInverses):
+            yield name, kept
 
 
 def _actuator(load: AbstractLoad, name: str, arrays: Arrays) -> AbstractLoad:
-    """A load of the full device with the ports of some arrays."""
-    if isinstance(load.ports, VolumePorts):
-        ports = ProjectedVolumePorts(_part(ProjectedVolumes, name, arrays))
-    else:
+    """A load of the full device with the ports of some arrays, which are those of guides or of volumes."""
+    if f"{name}.springs" in arrays:
         ports = _part(ProjectedGuides, name, arrays)
+    else:
+        ports = ProjectedVolumePorts(_part(ProjectedVolumes, name, arrays))
     return eqx.tree_at(lambda of: of.ports, load, ports)
 
 
@@ -168,3 +189,48 @@ def _read(path: Path, mark: str, names: Sequence[str] | None = None) -> Arrays:
         raise SoftfuseError(
             f"{path} is damaged ({error}): delete it and go on with softfuse reduce"
         ) from error
+
+
+@dataclass(frozen=True)
+class AtlasFolder:
+    """Where charts are, and the `mark` of what they were made from."""
+
+    path: Path
+    mark: str
+
+    def file(self, number: int) -> Path:
+        """The file of a region's chart."""
+        return self.path / f"chart-{number:04d}.npz"
+
+    def has(self, number: int) -> bool:
+        """Whether the chart of a region is there; raises SoftfuseError for one of another device."""
+        return self.file(number).exists() and bool(kept_sizes(self.file(number), self.mark))
+
+    def write(self, number: int, device: Model, basis: Basis) -> None:
+        """Write the chart of a region. Raises OSError when it cannot be written."""
+        write_device(self.file(number), device, basis, self.mark)
+
+
+class Atlas:
+    """All charts of a full device, in equal sizes."""
+
+    def __init__(self, full: Model, regions: AbstractRegions, folder: AtlasFolder):
+        """See that all charts are there. SoftfuseError when one is missing, damaged, or another device's."""
+        self.full, self.regions, self._folder = full, regions, folder
+        missing = [number for number in range(len(regions)) if not folder.file(number).exists()]
+        if missing:
+            raise SoftfuseError(
+                f"{len(missing)} of {len(regions)} charts are missing in {folder.path}: "
+                "run softfuse reduce with this folder"
+            )
+        sizes = [kept_sizes(folder.file(number), folder.mark) for number in range(len(regions))]
+        points = np.max([each.points for each in sizes], axis=0)
+        self._sizes = Sizes(tuple(map(int, points)), max(each.watched for each in sizes))
+        self._kept: dict[int, Kept] = {}
+
+    def chart(self, number: int) -> Kept:
+        """The chart of a region. Raises SoftfuseError when its file is gone or damaged."""
+        if number not in self._kept:
+            file, mark = self._folder.file(number), self._folder.mark
+            self._kept[number] = read_device(file, mark, self.full, self._sizes)
+        return self._kept[number]

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,17 +13,34 @@ from softfuse.body.body import Body
 from softfuse.errors import SolveError
 from softfuse.mechanics.linear_solver import AbstractLinearSolver
 from softfuse.mechanics.load import Loads
-from softfuse.rom.basis import basis_of
-from softfuse.rom.chart import Chart
+from softfuse.rom.basis import Basis, RestStiffness, basis_of
 from softfuse.rom.known_inverses import far_apart
-from softfuse.rom.load_paths import LoadPath
-from softfuse.rom.rest_stiffness import RestStiffness
-from softfuse.rom.sampling import sampled
-from softfuse.rom.snapshots import LoadsAt, snapshots
-from softfuse.rom.strained_points import mode_points
+from softfuse.rom.mode_points import mode_points
+from softfuse.rom.sampling import Sampling, sampled
+from softfuse.rom.snapshots import LoadPath, LoadsAt, snapshots
 
 _TYPICAL = 32
 """States that live steps know the inverse tangent in."""
+
+
+class Chart(NamedTuple):
+    """What makes a reduced body around some places of its loads: small enough to be kept in a file.
+
+    It holds where its loads act: other states than those that it was taught are combinations of its modes
+    only as far as they look alike, and nodes that it does not watch give NaN.
+
+    The `basis` of r modes; the `sampling` of the body's points, at which its energy is measured; the nodes
+    `watched` (w,) that loads and functionals look at; how far each mode goes, the root mean square `reach`
+    (r,) of the amplitudes it was taught; some `typical` (t, r) of these, far from each other; and the largest
+    `compliance` [m/N] under one force of its loads.
+    """
+
+    basis: Basis
+    sampling: Sampling
+    watched: Int[np.ndarray, " w"]
+    reach: Float[np.ndarray, " r"]
+    typical: Float[np.ndarray, "t r"]
+    compliance: float
 
 
 @dataclass(frozen=True)

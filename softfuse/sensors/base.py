@@ -9,25 +9,25 @@ readings of all other sensors; the places of contacts. All of it is pure and cau
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from pydantic import AfterValidator
+from pydantic import AfterValidator, BeforeValidator
 
 from softfuse.errors import ConfigError
-from softfuse.io.quantity import wrong_value
-from softfuse.io.settings import NotEmpty, Settings
-from softfuse.sensors.electronics import ChannelElectronics, read_channels
+from softfuse.functional.chart import FlatChart
+from softfuse.io.quantity import PositiveNumber, wrong_value
+from softfuse.io.settings import NotEmpty, Settings, listed
+from softfuse.sensors.electronics import ChannelElectronics, Converter
 from softfuse.sensors.frame_time import FrameTime
-from softfuse.sensors.reading_drift import DriftModel, ReadingDrift
+from softfuse.sensors.zero_drift import DriftModel, ReadingDrift
 
 if TYPE_CHECKING:
     from softfuse.mechanics.reading import AbstractReading
-    from softfuse.sensors.parts import Parts
-    from softfuse.sensors.true_contact import TrueContact
+    from softfuse.sensors.parts import Parts, TrueContact
 
 
 class Hint(NamedTuple):
@@ -137,22 +137,28 @@ class Evidence(NamedTuple):
     details: Any = None
 
 
+class SeenPlace(NamedTuple):
+    """A named place (3, 3) at which a [[contact]] is seen, the covariance (2, 2) [m²] along its tangents of
+    one that may press anywhere there, and the key of the sensor's settings that says it.
+    """
+
+    key: str
+    name: str
+    contact: str
+    place: Float[np.ndarray, "3 3"]
+    covariance: Float[np.ndarray, "2 2"]
+
+
 class AbstractSensor(eqx.Module):
     """Some channels and the readings that they measure; everything but names is a leaf."""
 
-    name: eqx.AbstractVar[str]
-    channels: eqx.AbstractVar[tuple[str, ...]]
-    readings: eqx.AbstractVar[tuple[str, ...]]
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """The SI unit of each reading, such as "m", "m^3", "Pa", "N" or "rad"; "" of a plain number."""
-        return ("",) * len(self.readings)
-
-    @property
-    def chambers(self) -> tuple[str, ...]:
-        """Chambers whose changes of volume it tells."""
-        return ()
+    name: str = eqx.field(static=True)
+    channels: tuple[str, ...] = eqx.field(static=True)
+    readings: tuple[str, ...] = eqx.field(static=True)
+    units: tuple[str, ...] = eqx.field(static=True)
+    """The SI unit of each reading, such as "m", "m^3", "Pa", "N" or "rad"; "" of a plain number."""
+    chambers: tuple[str, ...] = eqx.field(static=True)
+    """Chambers whose changes of volume it tells."""
 
     @property
     def drift(self) -> DriftModel | None:
@@ -183,15 +189,12 @@ class AbstractSensor(eqx.Module):
 class AbstractContactSensor(eqx.Module):
     """Some channels that see the contacts of one [[contact]], in `slots`."""
 
-    name: eqx.AbstractVar[str]
-    channels: eqx.AbstractVar[tuple[str, ...]]
-    contact: eqx.AbstractVar[str]
-    slots: eqx.AbstractVar[int]
-
-    @property
-    @abstractmethod
-    def misses(self) -> bool:
-        """Whether something may press that it does not see."""
+    name: str = eqx.field(static=True)
+    channels: tuple[str, ...] = eqx.field(static=True)
+    contact: str = eqx.field(static=True)
+    slots: int = eqx.field(static=True)
+    misses: ClassVar[bool]
+    """Whether something may press that it does not see."""
 
     @abstractmethod
     def init(self) -> Any:
@@ -223,6 +226,9 @@ def _no_two(names: tuple[str, ...]) -> tuple[str, ...]:
 Names = Annotated[tuple[str, ...], NotEmpty, AfterValidator(_no_two)]
 """Names of channels, chambers, cables ..., no two alike."""
 
+Gains = Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)]
+"""What is measured over what there is [-]: one value for all, or one for each."""
+
 
 class SensorSettings(Settings):
     """A [[sensor]]: its name, by which reports call it, and the columns of a recording in which it writes.
@@ -247,9 +253,21 @@ class SensorSettings(Settings):
         """What it measures of an equilibrium; None for one that sees contacts."""
 
     @property
-    def places(self) -> "Mapping[str, Float[np.ndarray, '3 3']]":
-        """The named places (3, 3) where it sees contacts, none where these may be anywhere."""
+    def places(self) -> tuple[SeenPlace, ...]:
+        """The named places where it sees contacts, none where these may be anywhere."""
+        return ()
+
+    @property
+    def slacks(self) -> Mapping[str, float]:
+        """The cables whose zero, what it reads where they get taut, presses may tell, and how much shorter
+        [m] each is before it drives the body.
+        """
         return {}
+
+    def zeros_after(self, shift: Mapping[str, float]) -> Sequence[float]:
+        """Its `zero` of each of these cables [m], more by shifts [m] of some by name."""
+        del shift
+        return ()
 
     def points(self, parts: "Parts") -> Float[np.ndarray, "m 3"]:
         """Material points (m, 3) m of the body at rest that `signal` wants to be followed."""
@@ -295,7 +313,12 @@ class SensorSettings(Settings):
         """
         drawn, noise = (np.random.default_rng(np.random.SeedSequence(list(seed))) for seed in (made, read))
         ideal = self.ideal(parts, time_s, values)
-        return read_channels(self.electronics(parts, drawn), noise, time_s, ideal)
+        return Converter(self.electronics(parts, drawn), noise).read(time_s, ideal)
+
+    def _count(self, count: int, what: str) -> None:
+        """Raise the error of a validator unless there are so many channels."""
+        if len(self.channels) != count:
+            raise wrong_value(f"{len(self.channels)} for {what}", key="channels")
 
     def _one_each(self, key: str, values: Sequence[object], count: int) -> None:
         """Raise the error of a validator unless there is one value, or one for each of so many."""
@@ -306,3 +329,20 @@ class SensorSettings(Settings):
 
     def _wrong(self, message: str) -> ConfigError:
         return ConfigError(f'sensor "{self.name}": {message}')
+
+
+class ContactSettings(SensorSettings):
+    """A [[sensor]] that sees the contacts of a [[contact]], with its name."""
+
+    contact: str
+
+    def functional(self, parts):
+        """None."""
+        return None
+
+    def _chart(self, parts: "Parts") -> FlatChart:
+        """The coordinates of the flat face on which it presses; ConfigError where it presses on none."""
+        chart = parts.contact_of(self.name, self.contact).chart
+        if chart is None:
+            raise self._wrong(f'contact "{self.contact}" presses on no flat face, as it needs')
+        return chart

@@ -6,7 +6,6 @@ its `slack` drives the body.
 
 from typing import Annotated, Literal, Self
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -17,6 +16,7 @@ from softfuse.io.settings import NotEmpty, listed
 from softfuse.mechanics.reading import AnswerReading
 from softfuse.sensors.base import AbstractSensor, Measurement, Names, SensorSettings
 from softfuse.sensors.electronics import equal_channels
+from softfuse.sensors.parameters import parameters
 
 _STEP = 1e-6
 """Step in which virtual lengths are told [m]."""
@@ -25,9 +25,6 @@ _STEP = 1e-6
 class CableLength(AbstractSensor):
     """Lengths of b cables, in `unit` [m]; `zero_m` (b,): read where they get taut."""
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    readings: tuple[str, ...] = eqx.field(static=True)
     unit_m: Float[Array, ""]
     zero_m: Float[Array, " b"]
     noise_m: Float[Array, ""]
@@ -36,11 +33,6 @@ class CableLength(AbstractSensor):
 
     def _shortening(self, raw: Float[Array, " b"]) -> Float[Array, " b"]:
         return raw * self.unit_m - self.zero_m
-
-    @property
-    def units(self):
-        """Lengths."""
-        return ("m",) * len(self.readings)
 
     def init(self):
         """Nothing has been read: mean lengths (b,) [m]."""
@@ -88,20 +80,28 @@ class CableLengthSettings(SensorSettings):
     def sensor(self, parts):
         """Raises ConfigError for a cable that there is not."""
         parts.cables_of(self.name, self.cables)
-        return CableLength(
-            self.name,
-            self.channels,
-            tuple(f"{self.name} {cable}" for cable in self.cables),
-            jnp.asarray(self.unit, float),
-            jnp.broadcast_to(jnp.array(self.zero, float), (len(self.channels),)),
-            jnp.asarray(self.noise, float),
-            jnp.asarray(self.slack, float),
-            jnp.asarray(self.average, float),
+        return parameters(
+            CableLength,
+            self,
+            readings=tuple(f"{self.name} {cable}" for cable in self.cables),
+            units=("m",) * len(self.cables),
+            chambers=(),
+            zero_m=jnp.broadcast_to(jnp.array(self.zero, float), (len(self.channels),)),
         )
 
     def functional(self, parts):
         """What answers the tensions."""
         return AnswerReading(tuple(cable.drive for cable in parts.cables_of(self.name, self.cables)))
+
+    @property
+    def slacks(self):
+        """The same of all."""
+        return dict.fromkeys(self.cables, self.slack)
+
+    def zeros_after(self, shift):
+        """As configured, and so much more."""
+        zero = np.broadcast_to(self.zero, (len(self.cables),))
+        return zero + [shift.get(name, 0.0) for name in self.cables]
 
     def ideal(self, parts, time_s, values):
         """Of shortenings (m, b) m."""

@@ -6,18 +6,17 @@ height says.
 
 from typing import Literal, Self
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 from pydantic import model_validator
 
-from softfuse.functional.chart import AbstractChart
+from softfuse.functional.chart import FlatChart
 from softfuse.io.quantity import FORCE, LengthUnit, PositiveForce, PositiveLength, wrong_value
-from softfuse.sensors.base import AbstractContactSensor, Evidence, SensorSettings, Touch
+from softfuse.sensors.base import AbstractContactSensor, ContactSettings, Evidence, Touch
 from softfuse.sensors.contact_places import chart_place
 from softfuse.sensors.electronics import equal_channels
-from softfuse.sensors.true_contact import coordinates, flat_chart
+from softfuse.sensors.parameters import parameters
 
 
 class Indenter(AbstractContactSensor):
@@ -25,22 +24,14 @@ class Indenter(AbstractContactSensor):
     a touch; `sigma_m`: of a place; `low_m`, `high_m` (2,) where middles may be [m].
     """
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    contact: str = eqx.field(static=True)
-    slots: int = eqx.field(static=True)
-    chart: AbstractChart
+    misses = False  # nothing else presses there
+    chart: FlatChart
     unit_m: Float[Array, ""]
     on_N: Float[Array, ""]
     off_N: Float[Array, ""]
     sigma_m: Float[Array, ""]
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
-
-    @property
-    def misses(self):
-        """Nothing else presses there."""
-        return False
 
     def init(self):
         """Nothing touches: touching, and the last reading (3,)."""
@@ -71,14 +62,13 @@ class Indenter(AbstractContactSensor):
         )
 
 
-class IndenterSettings(SensorSettings):
+class IndenterSettings(ContactSettings):
     """A stage at x, y of a [[contact]]'s chart, in `unit`, and its force in N: three channels.
 
     on, off: forces at which a touch begins and ends; sigma in m: of a place; noise in N: of the force.
     """
 
     type: Literal["indenter"] = "indenter"
-    contact: str
     unit: LengthUnit = 1e-3
     on: PositiveForce = 0.1
     off: PositiveForce = 0.05
@@ -87,8 +77,7 @@ class IndenterSettings(SensorSettings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if len(self.channels) != 3:
-            raise wrong_value(f"{len(self.channels)} for x, y and force", key="channels")
+        self._count(3, "x, y and force")
         if self.off > self.on:
             raise wrong_value(f"must not exceed on = {self.on:g} {FORCE.unit}", key="off")
         return self
@@ -96,33 +85,17 @@ class IndenterSettings(SensorSettings):
     def sensor(self, parts):
         """Raises ConfigError for a contact that there is not, or that presses on no flat face."""
         part = parts.contact_of(self.name, self.contact)
-        chart = flat_chart(parts, self.name, self.contact)
-        return Indenter(
-            self.name,
-            self.channels,
-            self.contact,
-            1,
-            chart,
-            jnp.asarray(self.unit, float),
-            jnp.asarray(self.on, float),
-            jnp.asarray(self.off, float),
-            jnp.asarray(self.sigma, float),
-            jnp.asarray(part.low, float),
-            jnp.asarray(part.high, float),
-        )
-
-    def functional(self, parts):
-        """None: it sees contacts."""
-        return None
+        chart = self._chart(parts)
+        return parameters(Indenter, self, slots=1, chart=chart, low_m=part.low, high_m=part.high)
 
     def signal(self, parts, contacts, moved):
         """x, y [m] and force [N] of the contact, (3,)."""
         del moved
-        chart = flat_chart(parts, self.name, self.contact)
+        chart = self._chart(parts)
         if len(contacts) != 1:
             raise self._wrong(f"a stage has one indenter, not {len(contacts)}")
         (contact,) = contacts
-        at = coordinates(chart, contact)
+        at = chart.coordinates(contact.place)
         return np.array([*at, contact.force])
 
     def ideal(self, parts, time_s, values):

@@ -6,6 +6,7 @@ may miss.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,8 +15,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from softfuse.errors import ConfigError
-from softfuse.mechanics.reading import JointReading
-from softfuse.sensors.addresses import Addresses, ContactSlots
 from softfuse.sensors.base import (
     AbstractContactSensor,
     AbstractSensor,
@@ -27,7 +26,7 @@ from softfuse.sensors.base import (
     Touch,
     VolumeChange,
 )
-from softfuse.sensors.contact_places import joined_places
+from softfuse.sensors.contact_places import ContactSlots, joined_places
 from softfuse.sensors.frame_time import FrameClock, FrameTime, clock_init, frame_step
 from softfuse.sensors.parts import Parts
 from softfuse.sensors.pneumatic_touch import (
@@ -36,11 +35,30 @@ from softfuse.sensors.pneumatic_touch import (
     pneumatic_init,
     pneumatic_update,
 )
-from softfuse.sensors.reading_drift import DriftModel, ReadingDrift
 from softfuse.sensors.status import Status
+from softfuse.sensors.zero_drift import DriftModel, ReadingDrift
 
 _START_S = 2.0
 """Time at rest after a robot is switched on that nobody watches: enough for zeros to be taken."""
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """Which of a row of numbers belong to whom: names, and where each one's begin, and the end of all."""
+
+    names: tuple[str, ...]
+    starts: tuple[int, ...]
+
+    @classmethod
+    def of(cls, counts: Sequence[tuple[str, int]]) -> "Addresses":
+        """Of names with so many numbers each."""
+        starts = np.cumsum([0, *(count for _, count in counts)]).tolist()
+        return cls(tuple(name for name, _ in counts), tuple(starts))
+
+    def __getitem__(self, name: str) -> slice:
+        """The numbers that belong to a name."""
+        k = self.names.index(name)
+        return slice(self.starts[k], self.starts[k + 1])
 
 
 class Observation(NamedTuple):
@@ -114,14 +132,17 @@ class SensorSuite(eqx.Module):
         _unlike([each.name for each in made], "sensors are named")
         channels = [channel for each in made for channel in each.channels]
         _unlike(channels, "sensors write in the column")
+        measuring, seeing = list[AbstractSensor](), list[AbstractContactSensor]()
         for each in made:
-            if isinstance(each, AbstractContactSensor) and each.slots != parts.contacts[each.contact].slots:
+            if isinstance(each, AbstractSensor):
+                measuring.append(each)
+                continue
+            seeing.append(each)
+            if each.slots != parts.contacts[each.contact].slots:
                 raise ConfigError(
                     f'sensor "{each.name}" sees {each.slots} contact at once, "{each.contact}" allows '
                     f"{parts.contacts[each.contact].slots}: allow as many as it sees"
                 )
-        measuring = tuple(each for each in made if isinstance(each, AbstractSensor))
-        seeing = tuple(each for each in made if isinstance(each, AbstractContactSensor))
         contacts = tuple(
             ContactSlots(
                 name,
@@ -134,8 +155,8 @@ class SensorSuite(eqx.Module):
             for name, part in parts.contacts.items()
         )
         return cls(
-            measuring,
-            seeing,
+            tuple(measuring),
+            tuple(seeing),
             contacts,
             PneumaticDetector.usual(),
             tuple(channels),
@@ -143,12 +164,6 @@ class SensorSuite(eqx.Module):
             tuple(name for each in measuring for name in each.readings),
             Addresses.of([(each.name, len(each.readings)) for each in measuring]),
         )
-
-    @staticmethod
-    def functional(settings: Sequence[SensorSettings], parts: Parts) -> JointReading:
-        """What the sensors measure of an equilibrium, in the order of the suite's readings."""
-        each = [one.functional(parts) for one in settings]
-        return JointReading(tuple(reading for reading in each if reading is not None))
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -348,12 +363,13 @@ class SensorSuite(eqx.Module):
         drifts = [each.drift for each in measured]
         if all(each is None for each in drifts):
             return None
-        covariance, calm = list[Array](), list[Array]()
-        for each, drift in zip(self.sensors, drifts, strict=True):
-            count = len(each.readings)
-            covariance.append(jnp.zeros((count, 3, 3)) if drift is None else drift.covariance)
-            calm.append(jnp.zeros(count, bool) if drift is None else drift.calm)
-        return ReadingDrift(jnp.concatenate(covariance), jnp.concatenate(calm), frame.dt_s)
+        each = [
+            (jnp.zeros((len(one.readings), 3, 3)), jnp.zeros(len(one.readings), bool))
+            if drift is None
+            else drift[:2]
+            for one, drift in zip(self.sensors, drifts, strict=True)
+        ]
+        return ReadingDrift(*map(jnp.concatenate, zip(*each, strict=True)), frame.dt_s)
 
 
 def _any(flags: Sequence[Bool[Array, ""]]) -> Bool[Array, ""]:

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.calibration.electrode_baseline import Untouched, untouched
-from softfuse.calibration.electrode_edits import baseline_edits, gain_edits, with_gains
+from softfuse.calibration.electrode_edits import Untouched, baseline_edits, gain_edits, untouched, with_gains
 from softfuse.calibration.electrode_gains import GainFit
 from softfuse.errors import ConfigError
 from softfuse.robot.file import load, save_edited
@@ -61,11 +60,6 @@ def test_what_was_fitted_is_read_again(write: Write, tmp_path: Path) -> None:
     np.testing.assert_array_equal(made.gain, lines_of(told).gain)
     np.testing.assert_array_equal(made.untouched_counts, counts)
     assert after.sensors_of(CrossedSettings)[0].row_baseline == tuple(counts[:8])
-
-
-def test_nothing_known_is_nothing_written(write: Write) -> None:
-    config = load(write())
-    assert baseline_edits(config, None) == {}
 
 
 @pytest.mark.parametrize(

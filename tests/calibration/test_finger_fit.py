@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.calibration.contact_places import ContactPlaces
 from softfuse.calibration.fit import Fit, fit
 from softfuse.calibration.of_robot import (
     Fitted,
@@ -15,7 +14,7 @@ from softfuse.calibration.of_robot import (
     build_adjustments,
     calibrated_edits,
 )
-from softfuse.calibration.presses import Adjustable, Applied, Presses
+from softfuse.calibration.presses import Adjustable, Applied, ContactPlaces, Presses
 from softfuse.functional.chart import facing
 from softfuse.robot.file import load, save_edited
 from softfuse.robot.robot import build_robot

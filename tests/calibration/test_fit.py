@@ -58,7 +58,7 @@ def device(mesh: TetMesh) -> Model:
 @pytest.fixture(scope="module")
 def adjustable(device: Model, mesh: TetMesh) -> Adjustable:
     walls = Walls.of(mesh, GEOMETRY.centres(), NAMES, shift=0.3e-3, growth=0.3e-3)
-    groups = (Stiffness.within(0.3), Stiffening.within(0.3), Layer.of(device, 1.0), walls)
+    groups = (Stiffness.within(0.3), Stiffening.within(0.3), layer(device), walls)
     return Adjustable(device, Adjustments(groups))
 
 
@@ -127,12 +127,14 @@ def test_slopes_are_those_of_differences(adjustable: Adjustable, made: np.ndarra
 
 @pytest.mark.slow
 def test_two_parameters_that_do_the_same_are_told(device: Model, presses: Presses) -> None:
-    twice = Adjustments(
-        (Stiffness.within(0.3), replace_names(Stiffness.within(0.3), "again"), Layer.of(device, 1.0))
-    )
+    twice = Adjustments((Stiffness.within(0.3), replace_names(Stiffness.within(0.3), "again"), layer(device)))
     found = fit(Adjustable(device, twice), presses)
     assert found.correlation[0, 1] < -0.99
     assert np.all(found.told[:2] < 0.6)
+
+
+def layer(device: Model) -> Layer:
+    return Layer.of(0.3e-9, 0.006, device.body, 1.0)
 
 
 def replace_names(group: Stiffness, name: str) -> Stiffness:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_robots import BEAM, settings_of
 
 from softfuse.calibration.of_robot import Fitted, build_adjustments, calibrated_edits
 from softfuse.errors import ConfigError
@@ -98,3 +99,22 @@ def test_cables_are_shortened_as_far_as_that_is_known(linear_finger: Write) -> N
     assert not told.shortened.any() and told.model.actuators[0] is blind.model.actuators[0]
     with pytest.raises(ConfigError, match="sensor: missing, a calibration fits what they read"):
         Fitted.of(build_robot(robot.settings.model_copy(update={"sensors": ()}), robot.mesh))
+
+
+ENCODER = """[[sensor]]
+name = "encoder"
+type = "cable-length"
+cables = ["palm"]
+channels = ["encoder_mm"]
+"""
+WINCH = 'command = { channel = "winch_mm", unit = "mm" }'
+
+
+def test_what_is_read_of_an_actuator_is_what_drives_it() -> None:
+    """Readings are the encoder's, the load cell's and three of a marker; the cable is the first drive."""
+    both = Fitted.of(build_robot(settings_of(BEAM)))
+    assert both.shortened.all() and both.told.tolist() == [0, -1, -1, -1, -1]
+    load_cell = Fitted.of(build_robot(settings_of(BEAM, (ENCODER, ""), (WINCH, "")), both.robot.mesh))
+    assert not load_cell.shortened.any() and load_cell.told.tolist() == [0, -1, -1, -1]
+    for known in (both, load_cell):
+        np.testing.assert_array_equal(known.readings, np.arange(len(known.told))[-3:])

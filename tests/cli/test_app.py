@@ -119,7 +119,7 @@ def run_python(code: str, **environment: str) -> str:
 
 
 SHOW = """
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 prepare_jax()
 import jax
 print(jax.config.jax_enable_x64, jax.config.jax_compilation_cache_dir)

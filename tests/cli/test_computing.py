@@ -9,7 +9,7 @@ import pytest
 ASKED = """
 import resource
 import numpy as np
-from softfuse.computing import prepare_jax
+from softfuse.computing.prepare import prepare_jax
 
 def faults():
     np.ones(8_000_000)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.experiment.programme import Programme
+from softfuse.experiment.performance import Programme
 from softfuse.hardware.record.session_reader import Session, read_session
 from softfuse.hardware.virtual.board import VirtualBoard
 from softfuse.hardware.virtual.board_clock import BoardClock

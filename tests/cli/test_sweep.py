@@ -24,8 +24,7 @@ from distributed import Client, LocalCluster
 
 from softfuse.computing.cluster import prepared
 from softfuse.errors import SoftfuseError
-from softfuse.experiment import sweep_chunk
-from softfuse.experiment.sweep_chunk import Chunk, Pressed, chunks_of, solve_chunk
+from softfuse.experiment.sweep import Chunk, Pressed, chunks_of, solve_chunk
 from softfuse.functional.chart import facing
 from softfuse.mechanics.cable import ShortenedCable
 from softfuse.mechanics.model import simulate
@@ -281,7 +280,9 @@ def test_a_worker_of_another_kind_is_refused(pad: Path) -> None:
 
 def test_a_device_is_built_once(pad: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     built = []
-    monkeypatch.setattr(sweep_chunk, "build_robot", lambda config: built.append(1) or build_robot(config))
+    monkeypatch.setattr(
+        "softfuse.experiment.sweep.build_robot", lambda config: built.append(1) or build_robot(config)
+    )
     text = pad.read_text() + "\n# not built before\n"
     there = Pressed(text, str(pad), digest(load(pad)), 1, ())
     assert [solve_chunk(Chunk(number, there, ())) for number in range(3)] == [[], [], []]

@@ -8,7 +8,7 @@ import pytest
 from softfuse.body import Body
 from softfuse.design.layout_device import device_at
 from softfuse.errors import SoftfuseError
-from softfuse.functional import Cavity
+from softfuse.functional.cavity import Cavity
 from softfuse.functional.chart import facing
 from softfuse.functional.contact import ContactSurface
 from softfuse.functional.pressure_cells import flat_punch

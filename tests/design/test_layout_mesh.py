@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from softfuse.errors import MeshError
-from softfuse.functional import Cavity
+from softfuse.functional.cavity import Cavity
 from softfuse.mesh.orientation import check
 from softfuse.mesh.pad import PadGeometry, finer_to_the_top
 from softfuse.mesh.quality import curved_mean_ratios, mean_ratios

@@ -29,7 +29,7 @@ from softfuse.design.objective import (
     measured,
 )
 from softfuse.design.problem import Problem
-from softfuse.functional import Cavity
+from softfuse.functional.cavity import Cavity
 from softfuse.functional.chart import facing
 from softfuse.functional.contact import ContactSurface
 from softfuse.functional.material_points import MaterialPoints

@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.estimation.limits import Limits, Rates, within_rates
-from softfuse.estimation.step import Observation, exact_steps, strokes
-from softfuse.functional import Marker, uniform
+from softfuse.estimation.limits import Limits
+from softfuse.estimation.step import Observation, exact_steps
 from softfuse.functional.chart import facing
+from softfuse.functional.marker import Marker
+from softfuse.functional.pressure_cells import uniform
 from softfuse.functional.skin import Skin
 from softfuse.material import NeoHookean
 from softfuse.mechanics import RESULTS
@@ -128,33 +129,6 @@ def test_lengths_and_positions_weigh_against_each_other(robot: Robot, reached) -
     np.testing.assert_allclose(shortened[0], reading[3], rtol=1e-5)
     np.testing.assert_allclose(shortened[2], wrong[3], rtol=1e-5)
     assert shortened[2] < shortened[1] < shortened[0]
-
-
-@pytest.mark.slow
-def test_rates_let_a_cable_only_follow_slowly(robot: Robot, reached) -> None:
-    device = robot.device
-    target = _forward(device, [1.2, 0.5])
-    rest = device.rest_state(NOWHERE)
-    stroke = strokes(device, device.loads(NOWHERE), rest)
-    rates = Rates(jnp.array([10.0, jnp.inf]), jnp.array([jnp.inf, 0.025]))
-    limits = within_rates(robot.free, rates, rest.drive, stroke, jnp.array(0.02))
-    state, report = reached(device, limits, target, TIP_ONLY)
-    np.testing.assert_allclose(state.drive[0], 0.2, atol=1e-9)
-    np.testing.assert_allclose(device.answers(state)[1], 5e-4, atol=1e-9)
-    assert float(report.kkt) < 1e-8
-
-
-def test_in_no_time_nothing_with_a_rate_changes(robot: Robot) -> None:
-    """Neither does what cannot be reached in it; what has no rate may."""
-    drive, stroke = jnp.array([0.4, 0.3]), jnp.array([1e-3, 2e-3])
-    rates = Rates(jnp.array([10.0, jnp.inf]), jnp.array([jnp.inf, 0.025]))
-    bounds = (jnp.array([5e-3, -jnp.inf]), jnp.array([6e-3, jnp.inf]))
-    limits = within_rates(robot.free._replace(strokes=bounds), rates, drive, stroke, jnp.zeros(()))
-    np.testing.assert_allclose(limits.lower, [0.4, 0.0])
-    np.testing.assert_allclose(limits.upper, [0.4, 20.0])
-    assert limits.strokes is not None
-    np.testing.assert_allclose(limits.strokes[0], [5e-3, 2e-3])
-    np.testing.assert_allclose(limits.strokes[1], [6e-3, 2e-3])
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from softfuse.estimation.compiled_suite import CompiledSuite
-from softfuse.estimation.packing import Packing
+from softfuse.estimation.kept_programs import Packing
 from softfuse.hardware.recording import read_recording
 from softfuse.robot.file import load
 from softfuse.robot.robot import build_robot

@@ -17,8 +17,10 @@ from softfuse.body import LINEAR, Body, mesh_for
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.nonlinear import nonlinear_estimate
 from softfuse.estimation.step import Observation
-from softfuse.functional import Cavity, Marker, uniform
+from softfuse.functional.cavity import Cavity
 from softfuse.functional.chart import facing
+from softfuse.functional.marker import Marker
+from softfuse.functional.pressure_cells import uniform
 from softfuse.functional.skin import Skin
 from softfuse.material import NeoHookean
 from softfuse.mechanics.cable import PulledCable, ShortenedCable

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from softfuse.estimation.model_offset import ModelOffset
+from softfuse.estimation.model_error import ModelOffset
 
 MISFIT, KNOWN = np.array([4.0, -6.0]), np.array([True, True])
 

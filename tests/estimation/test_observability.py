@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.estimation.observability import Response, observability, response
+from softfuse.estimation.uncertainty import Response, observability, response
 from softfuse.functional.chart import facing, moved
 
 AT = facing(np.array([[-12e-3, 3e-3, 0.0], [9e-3, -4e-3, 0.0]]), (0, 0, -1))

@@ -9,9 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from softfuse.estimation.kept_programs import Packing, outline, tree_of
 from softfuse.estimation.limits import Limits
-from softfuse.estimation.outline import outline, tree_of
-from softfuse.estimation.packing import Packing
 from softfuse.estimation.step import Observation
 from softfuse.functional.chart import facing, moved
 from softfuse.sensors.status import Status
@@ -76,7 +75,7 @@ def test_what_might_change_unseen_has_none(thing):
     [
         {"class": "subprocess:Popen", "holds": []},
         {"one of": "os:name", "is": "x"},
-        {"class": "softfuse.estimation.outline:outline", "holds": []},
+        {"class": "softfuse.estimation.kept_programs:outline", "holds": []},
         {"something": 1},
     ],
 )

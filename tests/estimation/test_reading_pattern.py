@@ -7,9 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.estimation.push_response import push_response
-from softfuse.estimation.reading_pattern import PatternFit, pattern_fit
-from softfuse.estimation.touch_by_readings import TouchByReadings, TouchSettings
+from softfuse.estimation.rest_response import push_response
+from softfuse.estimation.unseen_touch import PatternFit, TouchByReadings, TouchSettings, pattern_fit
 from softfuse.functional.chart import FlatChart
 from softfuse.functional.pressure_cells import uniform
 from softfuse.functional.workspace import FlatWorkspace

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.model_error import ModelError, missed, whitening
-from softfuse.estimation.reading_spread import ReadingSpread, read_spread, write_spread
+from softfuse.estimation.model_error import (
+    ModelError,
+    ReadingSpread,
+    missed,
+    read_spread,
+    whitening,
+    write_spread,
+)
 from softfuse.functional.chart import facing
 
 

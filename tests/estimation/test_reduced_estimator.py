@@ -16,11 +16,11 @@ from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation
 from softfuse.functional.chart import facing
 from softfuse.mechanics.model import Model
-from softfuse.rom.atlas import Atlas, AtlasFolder
+from softfuse.rom.basis import rest_stiffness
 from softfuse.rom.cells import Cells
-from softfuse.rom.load_paths import presses
 from softfuse.rom.reduced_model import reduced_model
-from softfuse.rom.rest_stiffness import rest_stiffness
+from softfuse.rom.rom_file import Atlas, AtlasFolder
+from softfuse.rom.snapshots import presses
 from softfuse.rom.teaching import ChartSettings, teach
 
 MM = 1e-3

@@ -14,8 +14,8 @@ from softfuse.mechanics.solution import RESULTS
 from softfuse.robot.file import load
 from softfuse.robot.reduced import Teacher, build_regions
 from softfuse.robot.robot import build_robot
+from softfuse.rom.basis import rest_stiffness
 from softfuse.rom.reduced_model import reduced_model
-from softfuse.rom.rest_stiffness import rest_stiffness
 
 CHANGES = (
     ("sampling = 0.0001 ", "sampling = 0.0005\nlevels = 2\nnear = 4 "),

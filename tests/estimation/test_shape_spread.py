@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.estimation.shape_spread import displacement_sigma
+from softfuse.estimation.uncertainty import displacement_sigma
 from softfuse.functional.chart import facing, moved
 from softfuse.mechanics.model import simulate
 

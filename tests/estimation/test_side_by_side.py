@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from softfuse.estimation.side_by_side import cores, shared_out, side_by_side
+from softfuse.estimation.batch import cores, shared_out, side_by_side
 
 
 def test_what_is_found_comes_in_order() -> None:

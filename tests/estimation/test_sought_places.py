@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softfuse.estimation.sought_places import SoughtPlaces
+from softfuse.estimation.place_search import SoughtPlaces
 
 YES, NO = np.array([True]), np.array([False])
 ROOM = np.full((1, 2), -0.02), np.full((1, 2), 0.03)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softfuse.experiment.contact_accuracy import (
+from softfuse.experiment.accuracy import (
     NOWHERE,
     ContactSamples,
     contact_force_table,

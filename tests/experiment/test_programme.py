@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from softfuse.experiment.programme import Programme
+from softfuse.experiment.performance import Programme
 
 
 def test_between_rows_it_is_interpolated_and_marks_hold() -> None:

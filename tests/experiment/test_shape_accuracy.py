@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softfuse.experiment.shape_accuracy import ShapeSamples, position_table
+from softfuse.experiment.accuracy import ShapeSamples, position_table
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from softfuse.functional import PressureCells
+from softfuse.functional.pressure_cells import PressureCells
 from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.tetmesh import TetMesh, tet_mesh

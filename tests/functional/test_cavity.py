@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from softfuse.functional import Cavity
+from softfuse.functional.cavity import Cavity
 from softfuse.mesh.surface import boundary_faces, cavities, enclosed_volume
 from softfuse.mesh.tetmesh import quadratic
 

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, QUADRATIC, Body, mesh_for
-from softfuse.functional import Contact, ContactSurface, flat_punch, uniform
+from softfuse.functional.contact import Contact, ContactSurface
+from softfuse.functional.pressure_cells import flat_punch, uniform
 from softfuse.material import NeoHookean
+from softfuse.mechanics.surface_ports import CellPorts
 from softfuse.mesh.surface import boundary_faces
 
 SIZE, HEIGHT, RADIUS = 0.03, 0.012, 0.006
@@ -39,11 +41,11 @@ def _contact(surface, cells, location=CENTRE, radius=RADIUS) -> Contact:
     return Contact(surface, cells, jnp.asarray(location), jnp.asarray(radius))
 
 
-_rows = jax.jit(lambda contact, body: contact.rows(body))
+_rows = jax.jit(lambda contact, body: CellPorts.of(contact, body).slopes)
 _overlap = jax.jit(lambda contact, body: contact.overlap(body))
 # Displacements under the cells where the disc stands at `location`.
 _under = jax.jit(
-    lambda location, contact, body, z: dataclasses.replace(contact, location=location).rows(body).T @ z
+    lambda location, contact, body, z: _rows(dataclasses.replace(contact, location=location), body).T @ z
 )
 _slope = jax.jit(jax.jacfwd(_under))
 
@@ -214,7 +216,7 @@ def test_gradient_in_radius_and_rest_nodes_is_that_of_differences(block) -> None
     @jax.jit
     def read(radius, shift):
         moved = body.with_rest(body.rest + shift * move)
-        return weight @ (Contact(surface, cells, jnp.asarray(CENTRE), radius).rows(moved).T @ z)
+        return weight @ (_rows(Contact(surface, cells, jnp.asarray(CENTRE), radius), moved).T @ z)
 
     slopes = jax.jit(jax.grad(read, argnums=(0, 1)))(RADIUS, 0.0)
     h = 1e-6 * RADIUS

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from softfuse.body import TAYLOR_HOOD, Body, mesh_for
-from softfuse.functional import Contact, ContactSurface, flat_punch
-from softfuse.functional.face_search import EveryFace, FaceBuckets
+from softfuse.functional.contact import Contact, ContactSurface, EveryFace, FaceBuckets
+from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
+from softfuse.mechanics.surface_ports import CellPorts
 from softfuse.mesh.surface import outer_surface
 from softfuse.mesh.tetmesh import TetMesh
 from softfuse.robot.file import load
@@ -146,7 +147,7 @@ def test_rows_and_their_slopes_are_those_of_the_test_of_every_face(slotted, dire
     @jax.jit
     def rows_and_slopes(contact):
         def under(place):
-            rows = dataclasses.replace(contact, location=place).rows(body)
+            rows = CellPorts.of(dataclasses.replace(contact, location=place), body).slopes
             return rows.T @ z, rows
 
         return jax.vmap(jax.jacfwd(under, has_aux=True))(places)

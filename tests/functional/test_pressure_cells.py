@@ -10,7 +10,7 @@ from math import factorial
 import numpy as np
 import pytest
 
-from softfuse.functional import flat_punch, uniform
+from softfuse.functional.pressure_cells import flat_punch, uniform
 
 RIMS, SECTORS = (0.45, 0.75, 0.93, 1.0), (4, 8, 12, 12)
 

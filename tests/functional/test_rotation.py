@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import polar
 from scipy.spatial.transform import Rotation
 
-from softfuse.functional.rotation import cross_matrix, polar_rotation, quaternion, rotation_vector
+from softfuse.functional.orientation import cross_matrix, polar_rotation, quaternion, rotation_vector
 
 _polar = jax.jit(polar_rotation)
 _slope = jax.jit(lambda f, df: jax.jvp(polar_rotation, (f,), (df,))[1])

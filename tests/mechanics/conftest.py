@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from softfuse.body import TAYLOR_HOOD, Body, Element, mesh_for
-from softfuse.functional import ContactSurface
+from softfuse.functional.contact import ContactSurface
 from softfuse.material import NeoHookean
 from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.orientation import oriented

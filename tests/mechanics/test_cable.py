@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.errors import MeshError
+from softfuse.errors import MeshError, SolveError
 from softfuse.functional.cable import guide_forces, length
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.material import NeoHookean
@@ -113,6 +113,15 @@ def test_tension_and_shortening_are_each_others_inverse(beam, pulled, shortened)
     guides = pulled.ports.values(beam, by_length.z).reshape(-1, 3)
     left = float(length(guides, pulled.pulled_at))
     np.testing.assert_allclose(rest_length(pulled) - left, 0.004, atol=1e-12)
+
+
+def test_a_shortened_cable_is_the_one_pulled_with_its_tension(beam, pulled) -> None:
+    shorter = pulled.by_answer(beam)
+    assert shorter.sizes.internal == shorter.sizes.drives == 1
+    internal, drive = Loads((pulled, shorter, pulled)).by_force(jnp.array([3.0]), jnp.array([1.0, 4e-3, 2.0]))
+    assert internal.size == 0 and drive.tolist() == [1.0, 3.0, 2.0]
+    with pytest.raises(SolveError, match="ShortenedCable is not driven by what answers it"):
+        shorter.by_answer(beam)
 
 
 def test_the_tip_moves_towards_the_cable(beam, shortened) -> None:

@@ -13,7 +13,10 @@ import numpy as np
 import pytest
 from jax.flatten_util import ravel_pytree
 
-from softfuse.functional import Cavity, Contact, Marker, flat_punch
+from softfuse.functional.cavity import Cavity
+from softfuse.functional.contact import Contact
+from softfuse.functional.marker import Marker
+from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean
 from softfuse.mechanics import RESULTS, Loads, Newton, Punch, State, solve
 from softfuse.mechanics.dense import Dense

@@ -11,8 +11,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from softfuse.body import LINEAR, QUADRATIC, Body, mesh_for
-from softfuse.functional import ContactSurface, flat_punch, uniform
-from softfuse.functional.pressure_cells import even, strip
+from softfuse.functional.contact import ContactSurface
+from softfuse.functional.pressure_cells import even, flat_punch, strip, uniform
 from softfuse.functional.skin import Skin
 from softfuse.functional.workspace import nearest_places
 from softfuse.material import NeoHookean

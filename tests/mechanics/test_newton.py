@@ -16,7 +16,8 @@ import pytest
 from scipy.integrate import solve_bvp
 
 from softfuse.body import QUADRATIC, TAYLOR_HOOD, Body, mesh_for
-from softfuse.functional import Contact, flat_punch
+from softfuse.functional.contact import Contact
+from softfuse.functional.pressure_cells import flat_punch
 from softfuse.material import NeoHookean, SaintVenantKirchhoff
 from softfuse.mechanics import (
     RESULTS,
@@ -31,6 +32,7 @@ from softfuse.mechanics import (
     solve,
 )
 from softfuse.mechanics.sparse import SparseLU
+from softfuse.mechanics.surface_ports import CellPorts
 from softfuse.mesh.surface import boundary_faces
 
 LOAD, YOUNG, HEIGHT = 3.0, 1e6, 1e-3
@@ -132,7 +134,7 @@ def pressed(pad, top):
         start = State.rest(body, loads) if start is None else start
         return _solve(newton, body, loads, jnp.array([force]), start)
 
-    return body, contact.rows(body), at
+    return body, CellPorts.of(contact, body).slopes, at
 
 
 @pytest.mark.parametrize("force", [0.1, 2.0, 10.0])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from softfuse.body import LINEAR, Body, mesh_for
-from softfuse.functional import uniform
 from softfuse.functional.chart import facing
+from softfuse.functional.pressure_cells import uniform
 from softfuse.functional.skin import Skin
 from softfuse.material import NeoHookean
 from softfuse.mechanics import RESULTS, Loads, Newton, State, solve

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from softfuse.body import QUADRATIC, Body, mesh_for
 from softfuse.errors import SolveError
-from softfuse.functional import Cavity, flat_punch, uniform
-from softfuse.functional.pressure_cells import even
+from softfuse.functional.cavity import Cavity
+from softfuse.functional.pressure_cells import even, flat_punch, uniform
 from softfuse.functional.skin import Skin
 from softfuse.functional.workspace import nearest_places
 from softfuse.material import NeoHookean

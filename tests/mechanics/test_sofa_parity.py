@@ -26,7 +26,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from softfuse.body import LINEAR, Body
-from softfuse.functional import Cavity
+from softfuse.functional.cavity import Cavity
 from softfuse.material import AbstractMaterial, Corotational, lame_constants
 from softfuse.mechanics import RESULTS, LinearPorts, Loads, Newton, PrescribedForce, Solution, State, solve
 from softfuse.mechanics.dense import Dense

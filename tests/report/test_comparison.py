@@ -5,7 +5,7 @@ import dataclasses
 import io
 
 from softfuse.experiment.accuracy import Spread
-from softfuse.report.comparison import Comparison
+from softfuse.report.evaluation import Comparison
 
 TABLE = Comparison(
     "table_2",

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from softfuse.report.matching import matched_contacts
 from softfuse.report.study import Peaks
+from softfuse.report.truth import matched_contacts
 
 
 def test_each_run_keeps_the_shape_at_its_peak() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from softfuse.errors import RecordingError
-from softfuse.experiment.contact_accuracy import NOWHERE
+from softfuse.experiment.accuracy import NOWHERE
 from softfuse.hardware.recording import Recording, read_recording
 from softfuse.report.columns import Column
 from softfuse.report.truth import Truth

@@ -9,7 +9,6 @@ import pytest
 from softfuse.errors import ConfigError
 from softfuse.material import silicone
 from softfuse.robot.file import load
-from softfuse.robot.laws import materials_of
 
 Write = Callable[..., Path]
 
@@ -31,7 +30,7 @@ def test_materials_are_as_stiff_as_their_settings_say(
     start, end = pad_text.index("[[body.material]]"), pad_text.index("[body.fixed]")
     settings = load(write((pad_text[start:end], f"[[body.material]]\n{constants}\n")))
     (given,) = settings.body.materials
-    (material,) = materials_of(settings.body)
+    material = settings.body.materials[0].material()
     assert given.shear_modulus == pytest.approx(shear)
     assert given.lame == pytest.approx(lame)
     assert float(material.shear_modulus()) == pytest.approx(shear)
@@ -45,7 +44,7 @@ def _of_material(write: Write, keys: str) -> Path:
 
 def test_a_silicone_is_given_by_its_name(write: Write) -> None:
     settings = load(_of_material(write, 'silicone = "ecoflex 00-30"'))
-    (material,) = materials_of(settings.body)
+    material = settings.body.materials[0].material()
     expected = silicone("Ecoflex 00-30", 0.49)
     f = jnp.diag(jnp.array([1.5, 0.8, 0.9]))
     assert float(material.energy(f)) == pytest.approx(float(expected.energy(f)), rel=1e-6)

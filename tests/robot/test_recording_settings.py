@@ -9,7 +9,7 @@ from softfuse.cli.app import main
 from softfuse.errors import ConfigError
 from softfuse.hardware.recording import read_recording
 from softfuse.hardware.table.form import TableForm
-from softfuse.report.recorded import read_sensors, sensor_frames, table_form
+from softfuse.report.presses import read_sensors, sensor_frames, table_form
 from softfuse.robot.file import load
 from softfuse.robot.recording import RecordingSettings
 

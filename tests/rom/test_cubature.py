@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import nnls
 
 from softfuse.errors import SolveError
-from softfuse.rom.cubature import compressed, empirical_cubature
+from softfuse.rom.sampling import compressed, empirical_cubature
 
 
 def sums_of_smooth_functions(rows: int, parts: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from softfuse.functional.chart import facing
 from softfuse.mechanics import RESULTS
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.solution import State
-from softfuse.rom.equilibria import follow, rough_factor, step_to
+from softfuse.rom.snapshots import follow, rough_factor, step_to
 
 PLACE = jnp.asarray(facing(np.array([[-12e-3, 3e-3, 0.0]]), (0, 0, -1)))
 

@@ -18,13 +18,11 @@ from softfuse.mechanics.prescribed import PrescribedForce
 from softfuse.mechanics.solution import State
 from softfuse.robot.file import load
 from softfuse.robot.robot import build_robot
-from softfuse.rom.basis import Basis
-from softfuse.rom.chart import Chart
-from softfuse.rom.cubature import Cubature
+from softfuse.rom.basis import Basis, rest_stiffness
 from softfuse.rom.projected_ports import projected_load
 from softfuse.rom.reduced_model import reduced_model
-from softfuse.rom.rest_stiffness import rest_stiffness
-from softfuse.rom.sampling import Sampling
+from softfuse.rom.sampling import Cubature, Sampling
+from softfuse.rom.teaching import Chart
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ import pytest
 
 from softfuse.functional.chart import facing, moved
 from softfuse.rom.cells import Spots
-from softfuse.rom.load_paths import pushes
+from softfuse.rom.snapshots import pushes
 
 LOW = np.array([0.0, 0.0, 0.0, 1e5, 1e5])
 HIGH = np.array([2.0, 2.0, 6.0, 1e5, 1e5])

@@ -6,8 +6,7 @@ from scipy.spatial import Delaunay
 
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
-from softfuse.rom.cells import Cells
-from softfuse.rom.reach import places_over
+from softfuse.rom.cells import Cells, places_over
 
 
 def _touched(mesh: Delaunay, disc: Contact, places: np.ndarray) -> set[int]:

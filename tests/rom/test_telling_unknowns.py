@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from softfuse.rom.telling_unknowns import telling, telling_unknowns
+from softfuse.rom.rom_file import telling, telling_unknowns
 
 
 def smooth_modes(count: int) -> np.ndarray:

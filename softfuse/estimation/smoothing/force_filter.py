@@ -2,7 +2,7 @@
 
 State x = (u, p, b, m, δ): drives u (D,), places p (P,) along the tangents of each contact, by how much what
 sees these is off b (P,), what the model misses of each of k readings m (k,), and what each sensor drifts by,
-δ (3,), see `sensors.reading_drift`. A frame, and what sees contacts at p̂, say
+δ (3,), see `sensors.zero_drift`. A frame, and what sees contacts at p̂, say
 
     y − s(u₀, p₀) + W u₀ + G p₀ = W u + G p + m + diag(ρ) δ₃ + v,    p̂ = p + b + w.
 
@@ -26,7 +26,7 @@ from scipy.linalg import block_diag
 from softfuse.estimation.smoothing.normal import Change, Normal, Reading, Step
 from softfuse.estimation.smoothing.process import Process
 from softfuse.estimation.tracked import Evidence
-from softfuse.sensors.reading_drift import DriftModel
+from softfuse.sensors.zero_drift import DriftModel
 
 _UNIT_V = 1e-3
 """Of δ in the state: drifts are some millivolts."""
@@ -156,9 +156,7 @@ class ForceFilter:
     def rested(
         self, known: Normal, evidence: Evidence, calm: Bool[np.ndarray, " k"], largest: float
     ) -> Normal:
-        """With what readings say that are calm (k,), as the body is at rest again after readings of up to
-        `largest`.
-        """
+        """With what calm readings (k,) say, the body being at rest again after ones of up to `largest`."""
         reading, own = self._reading(evidence, evidence), np.arange(self.readings)
         rows = np.where(np.arange(self._size) < self._drifts.start, 0.0, reading.rows)[own]
         sigma = np.hypot(reading.sigma[own], self.process.creep * largest)

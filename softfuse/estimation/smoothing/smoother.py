@@ -22,7 +22,7 @@ from softfuse.estimation.smoothing.process import DEFAULT_PROCESS, Process
 from softfuse.estimation.tracked import Evidence, Tracked, along_axes
 from softfuse.estimation.tracker import Tracker
 from softfuse.functional.chart import moved
-from softfuse.sensors.reading_drift import ReadingDrift
+from softfuse.sensors.zero_drift import ReadingDrift
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,14 +272,10 @@ def smoothed_recording(smoother: Smoother, found: Iterable[Tracked]) -> tuple[li
     smoother.reset()
     for now in found:
         so_far.append(smoother.update(now))
-        _put_last(whole, smoother.ended)
-        whole.append(so_far[-1])
-    _put_last(whole, smoother.finish())
-    return so_far, whole
-
-
-def _put_last(whole: list[Smoothed], ended: list[Smoothed]) -> None:
+        whole[len(whole) - len(smoother.ended) :] = [*smoother.ended, so_far[-1]]
+    ended = smoother.finish()
     whole[len(whole) - len(ended) :] = ended
+    return so_far, whole
 
 
 def _integral_V2s2(drift: ReadingDrift) -> Float[np.ndarray, " k"]:

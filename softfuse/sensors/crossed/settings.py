@@ -10,9 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from jaxtyping import Array, Float
-from pydantic import BeforeValidator, model_validator
+from pydantic import model_validator
 
-from softfuse.functional.chart import FlatChart
 from softfuse.io.quantity import (
     Angle,
     Length,
@@ -22,21 +21,17 @@ from softfuse.io.quantity import (
     PositiveNumber,
     wrong_value,
 )
-from softfuse.io.settings import NotEmpty, Positions, Settings, listed
+from softfuse.io.settings import Positions, Settings
+from softfuse.sensors.base import Gains
 from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray, CountsSettings
-from softfuse.sensors.crossed.array_pose import ArrayPose
 from softfuse.sensors.crossed.field import ArrayField, CrossedLines, FieldSettings
 from softfuse.sensors.crossed.peak_model import PeakModel
-from softfuse.sensors.crossed.sensor import CrossedElectrodes
+from softfuse.sensors.crossed.sensor import ArrayPose, CrossedElectrodes
 from softfuse.sensors.crossed.touch import TouchDetector
-from softfuse.sensors.electronics import equal_channels
-from softfuse.sensors.parts import Parts
-from softfuse.sensors.true_contact import TrueContact, coordinates, face_height, flat_chart
+from softfuse.sensors.parameters import parameters
+from softfuse.sensors.parts import Parts, TrueContact
 
 Fraction = Annotated[Number, Gt(0), Lt(1)]
-
-Gains = Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)]
-"""What is measured over what there is [-]: one value for all, or one for each."""
 
 # Of virtual lines: counts per farad, parasitic counts and by how much they differ, bound of gains, a slow
 # drift.
@@ -71,20 +66,6 @@ class TouchSettings(Settings):
             )
         return self
 
-    def detector(self, noise_counts: float) -> TouchDetector:
-        """The decision on lines of that noise."""
-        return TouchDetector(
-            noise_counts=jnp.asarray(noise_counts, float),
-            near_on_sigma=jnp.asarray(self.near_on_sigma, float),
-            near_off_sigma=jnp.asarray(self.near_off_sigma, float),
-            contact_on_counts=jnp.asarray(self.contact_on_counts, float),
-            flow_sigma=jnp.asarray(self.flow_sigma, float),
-            release_fraction=jnp.asarray(self.release_fraction, float),
-            return_fraction=jnp.asarray(self.return_fraction, float),
-            on_frames=jnp.asarray(self.on_frames, int),
-            off_frames=jnp.asarray(self.off_frames, int),
-        )
-
 
 class PeakSettings(Settings):
     """How sure the peak fit is beforehand, as standard deviations, and how it is found.
@@ -103,7 +84,7 @@ class PeakSettings(Settings):
 
 
 class PoseSettings(Settings):
-    """Where the array lies on the body, see `crossed.array_pose`.
+    """Where the array lies on the body, see `crossed.sensor`.
 
     shift in m along x and y, turn in rad, stretch along x and y; sigma_factor: by how much locations spread
     wider than the fit of a peak promises; dent_part: by which part of a dent's depth they do besides.
@@ -117,13 +98,7 @@ class PoseSettings(Settings):
 
     def pose(self) -> ArrayPose:
         """The pose."""
-        return ArrayPose(
-            jnp.array(self.shift, float),
-            jnp.asarray(self.turn, float),
-            jnp.array(self.stretch, float),
-            jnp.asarray(self.sigma_factor, float),
-            jnp.asarray(self.dent_part, float),
-        )
+        return parameters(ArrayPose, self)
 
 
 class CrossedSettings(CountsSettings):
@@ -136,7 +111,6 @@ class CrossedSettings(CountsSettings):
     """
 
     type: Literal["crossed-diamonds"] = "crossed-diamonds"
-    contact: str
     row_y: Positions
     column_x: Positions
     row_depth: PositiveLength
@@ -157,22 +131,18 @@ class CrossedSettings(CountsSettings):
             if len(lines) < 2:
                 raise wrong_value("an array has at least two lines in each direction", key=key)
         lines = len(self.row_y) + len(self.column_x)
-        if len(self.channels) != lines:
-            raise wrong_value(f"{len(self.channels)} for {lines} lines of row_y and column_x", key="channels")
-        baselines = {"row": self.row_baseline, "column": self.column_baseline}
-        for name, lines, gain in (
-            ("row", self.row_y, self.row_gain),
-            ("column", self.column_x, self.column_gain),
+        self._count(lines, f"{lines} lines of row_y and column_x")
+        for name, lines, gain, baseline in (
+            ("row", self.row_y, self.row_gain, self.row_baseline),
+            ("column", self.column_x, self.column_gain, self.column_baseline),
         ):
             self._one_each(f"{name}_gain", gain, len(lines))
-            baseline = baselines[name]
             if baseline is not None and len(baseline) != len(lines):
                 raise wrong_value(f"{len(baseline)} values for {len(lines)}", key=f"{name}_baseline")
-        for name, other in (("row", "column"), ("column", "row")):
-            if baselines[name] is None and baselines[other] is not None:
-                raise wrong_value(
-                    f"missing, while {other}_baseline is given: give both or none", key=f"{name}_baseline"
-                )
+        if (self.row_baseline is None) != (self.column_baseline is None):
+            name, other = ("row", "column") if self.row_baseline is None else ("column", "row")
+            message = f"missing, while {other}_baseline is given: give both or none"
+            raise wrong_value(message, key=f"{name}_baseline")
         return self
 
     def gains(self) -> Float[Array, " e"]:
@@ -182,17 +152,10 @@ class CrossedSettings(CountsSettings):
 
     def array(self) -> CapacitiveArray:
         """The electronics of the lines and how their baseline is followed."""
-        baseline, untouched = self.baseline, jnp.full(len(self.row_y) + len(self.column_x), jnp.inf)
+        untouched = jnp.full(len(self.row_y) + len(self.column_x), jnp.inf)
         if self.row_baseline is not None and self.column_baseline is not None:
             untouched = jnp.array([*self.row_baseline, *self.column_baseline], float)
-        return self._array(
-            baseline.time,
-            baseline.creep_time,
-            recovery_time_s=baseline.recovery_time,
-            negative_sigma=baseline.negative_sigma,
-            gain=self.gains(),
-            untouched_counts=untouched,
-        )
+        return self._array(self.baseline, gain=self.gains(), untouched_counts=untouched)
 
     def peak_model(self, radius_m: float) -> PeakModel:
         """The peak that a contact of a radius [m] leaves; the deeper layer collects the flux around the
@@ -201,48 +164,32 @@ class CrossedSettings(CountsSettings):
         The rim strip of the deeper layer is as wide as the distance between the layers (the height by which
         the array's side face exposes it), that of the other layer zero.
         """
-        peak, gap = self.peak, self.row_depth - self.column_depth
-        return PeakModel(
-            row_y_m=jnp.asarray(self.row_y, float),
-            column_x_m=jnp.asarray(self.column_x, float),
-            row_depth_m=jnp.asarray(self.row_depth, float),
-            column_depth_m=jnp.asarray(self.column_depth, float),
-            row_rim_m=jnp.asarray(max(gap, 0.0), float),
-            column_rim_m=jnp.asarray(max(-gap, 0.0), float),
-            radius_m=jnp.asarray(radius_m, float),
-            radius_sigma_m=jnp.asarray(peak.radius_sigma, float),
-            gap_sigma_m=jnp.asarray(peak.gap_sigma, float),
-            offset_sigma_counts=jnp.asarray(peak.offset_sigma_counts, float),
-            noise_counts=jnp.asarray(self.noise_counts, float),
-            model_error=jnp.asarray(peak.model_error, float),
-            outlier=jnp.asarray(peak.outlier, float),
-            iterations=peak.iterations,
+        gap = self.row_depth - self.column_depth
+        return parameters(
+            PeakModel,
+            self,
+            self.peak,
+            row_rim_m=max(gap, 0.0),
+            column_rim_m=max(-gap, 0.0),
+            radius_m=radius_m,
         )
-
-    def _chart(self, parts: Parts) -> FlatChart:
-        return flat_chart(parts, self.name, self.contact)
 
     def sensor(self, parts):
         """Raises ConfigError for a contact that there is not, or that presses on no flat face."""
         part, chart = parts.contact_of(self.name, self.contact), self._chart(parts)
-        return CrossedElectrodes(
-            self.name,
-            self.channels,
-            self.contact,
-            1,  # profiles of two contacts cannot be told apart
-            self.location == "weighted-mean",
-            self.array(),
-            self.peak_model(part.radius),
-            self.touch.detector(self.noise_counts),
-            self.pose.pose(),
-            chart,
-            jnp.asarray(part.low, float),
-            jnp.asarray(part.high, float),
+        return parameters(
+            CrossedElectrodes,
+            self,
+            slots=1,  # profiles of two contacts cannot be told apart
+            weighted_mean=self.location == "weighted-mean",
+            array=self.array(),
+            peak=self.peak_model(part.radius),
+            detector=parameters(TouchDetector, self.touch, self),
+            pose=self.pose.pose(),
+            chart=chart,
+            low_m=part.low,
+            high_m=part.high,
         )
-
-    def functional(self, parts):
-        """None: it sees contacts."""
-        return None
 
     @property
     def _lines(self) -> CrossedLines:
@@ -254,7 +201,7 @@ class CrossedSettings(CountsSettings):
         middle = _field(self._lines, part.radius).panels.middle
         pose, d = self.pose.pose(), np.asarray(chart.direction)
         at = np.array([chart.place(pose.on_body(jnp.asarray(each[:2])))[0] for each in middle])
-        depth = -face_height(parts, d) - middle[:, 2]
+        depth = -_face_height(parts, d) - middle[:, 2]
         return at + (depth - at @ d)[:, None] * d
 
     def signal(self, parts, contacts: Sequence[TrueContact], moved: Float[np.ndarray, "m 3"]):
@@ -274,9 +221,9 @@ class CrossedSettings(CountsSettings):
             raise self._wrong("crossed lines see one contact, not several at once")
         (contact,) = contacts
         d, rest = np.asarray(chart.direction), field.panels.middle
-        local = coordinates(chart, contact)
+        local = chart.coordinates(contact.place)
         x, y = np.asarray(self.pose.pose().on_array(jnp.asarray(local)))
-        placed = np.column_stack([rest[:, :2], -(moved @ d) - face_height(parts, d)])
+        placed = np.column_stack([rest[:, :2], -(moved @ d) - _face_height(parts, d)])
         under = np.hypot(rest[:, 0] - x, rest[:, 1] - y) < part.radius
         for layer in np.unique(rest[:, 2]):
             those = under & (rest[:, 2] == layer)
@@ -293,20 +240,21 @@ class CrossedSettings(CountsSettings):
         """Lines that differ in gain and parasitic capacitance, and drift."""
         del parts
         count = len(self.channels)
-        return equal_channels(
-            count,
-            nothing=_PARASITIC,
+        return self._electronics(
+            _PARASITIC,
             gain=1.0 + rng.uniform(-_GAIN_BOUND, _GAIN_BOUND, count),
             zero=rng.uniform(-_PARASITIC_BOUND, _PARASITIC_BOUND, count),
             slow_sigma=_SLOW_SIGMA,
             slow_time=_SLOW_TIME_S,
-            noise=self.noise_counts,
-            step=1.0,
-            low=self.lowest_counts,
-            high=self.highest_counts,
         )
 
 
 @cache
 def _field(lines: CrossedLines, radius: float) -> ArrayField:
     return ArrayField(lines, FieldSettings(radius=radius))
+
+
+def _face_height(parts: Parts, direction: Float[np.ndarray, "3"]) -> float:
+    """How far [m] the outermost point of the body's faces is against a direction (3,), from the origin."""
+    nodes = np.unique(np.asarray(parts.faces))
+    return float(np.max(-np.asarray(parts.body.rest)[nodes] @ direction))

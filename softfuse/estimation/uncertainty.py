@@ -1,4 +1,8 @@
-"""What the sensors of a device can tell of one contact, before anything is measured.
+"""How sure an estimate is of drives, places and shape, and what sensors can tell before anything is measured.
+
+Drives and places of contacts of covariance C, with which the equilibrium moves by J = (dz/du, dz/dp)
+(`motion`), leave nodes uncertain by J C Jᵀ. Sensors' noise, the model's error and what is not known of its
+parameters are in C, as far as they are in what the readings say of drives and places.
 
 A press with force F at a place p changes readings of covariance S = L Lᵀ by the slopes w = ∂s/∂F (k,) and G =
 ∂s/∂p (k, 2), p along the surface's two tangents. With A = L⁻¹ [w, G] and what else knows the place, to σ_p,
@@ -17,16 +21,59 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from softfuse.errors import SolveError
-from softfuse.estimation.side_by_side import side_by_side
+from softfuse.estimation.batch import side_by_side
+from softfuse.estimation.estimator import Estimate
+from softfuse.estimation.limits import Limits
+from softfuse.estimation.motion import motion
 from softfuse.functional.chart import moved
 from softfuse.mechanics.model import Model, simulate
-from softfuse.mechanics.solution import RESULTS
+from softfuse.mechanics.newton import tangent_at
+from softfuse.mechanics.solution import RESULTS, State
 
 _PER = np.array([1.0, 1e3, 1e3])
 """Force in N, places in mm."""
+
+
+def posterior_covariance(found: Estimate, limits: Limits) -> Float[np.ndarray, "DP DP"]:
+    """Covariance (D + P, D + P) of the drives of an estimate and of the numbers η of places that were not
+    known, of those within their limits the inverse of their information.
+
+    A drive that is held at a limit has the variance that it would have alone, if it could move: by so much
+    the readings let it be wrong; one that has no room has none.
+    """
+    lower, upper = np.asarray(limits.lower), np.asarray(limits.upper)
+    information, room = found.report.information, 1e-9 * (upper - lower)
+    places = np.ones(len(information) - len(upper), bool)
+    movable = upper > lower
+    within = movable & (found.drive > lower + room) & (found.drive < upper - room)
+    free = np.append(within, places)
+    alone = np.where(np.append(movable & ~within, ~places), 1 / np.diag(information), 0.0)
+    covariance = np.diag(alone)
+    covariance[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
+    return covariance
+
+
+def displacement_sigma(
+    device: Model, state: State, places: Array | np.ndarray, covariance: Float[np.ndarray, "m m"]
+) -> Float[np.ndarray, "k 3"]:
+    """Standard deviations (k, 3) m of the nodes' displacements along x, y and z in a state, under contacts at
+    places (c, 3, 3), of a covariance (m, m) of its drives and then, if larger, of places along tangents.
+    """
+    by_place = len(covariance) > len(state.drive)
+    moved = np.asarray(_columns(device, state, jnp.asarray(places), by_place))
+    variance = np.einsum("mki,mn,nki->ki", moved, covariance, moved)
+    return np.sqrt(np.maximum(variance, 0.0))
+
+
+@eqx.filter_jit
+def _columns(device: Model, state: State, places: Array, by_place: bool) -> Float[Array, "m k 3"]:
+    """How the nodes move (m, k, 3) with each drive and place."""
+    inverse = tangent_at(device.linear, device.body, device.loads(places), state)
+    moving = motion(device, inverse, state, places, by_place=by_place, refinements=0)
+    return jax.vmap(device.body.displacement, 1)(moving.dz)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +144,7 @@ def _slopes(device: Model, place: Any, drive: Any) -> Any:
 def observability(
     answer: Response, covariance: Float[np.ndarray, "s k k"], place_sigma_m: float
 ) -> Observability:
-    """What readings of covariances (s, k, k) tell of presses whose place is known to `place_sigma_m` [m] by
-    other means.
-    """
+    """What readings of covariances (s, k, k) tell of presses; else places are known to `place_sigma_m`."""
     slopes = np.concatenate([answer.by_force[..., None], answer.by_place], axis=2)
     a = np.linalg.solve(np.linalg.cholesky(covariance), slopes)
     singular = np.zeros((len(a), 3))
