@@ -57,7 +57,7 @@ def equal_channels(
     slow_sigma: Values = 0.0,
     slow_time: Values = 1.0,
 ) -> ChannelElectronics:
-    """`count` channels alike, but for gains and zeros; the options are the fields of ChannelElectronics.
+    """`count` channels; the options are the fields of ChannelElectronics.
 
     step 0: what is read is not rounded.
     """
