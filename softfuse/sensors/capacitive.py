@@ -28,7 +28,7 @@ from pydantic import model_validator
 from softfuse.io.quantity import Integer, Number, PositiveNumber, PositiveTime, wrong_value
 from softfuse.io.settings import Settings
 from softfuse.sensors.base import ContactSettings
-from softfuse.sensors.electronics import ChannelElectronics, equal_channels
+from softfuse.sensors.electronics import ChannelElectronics, Values, equal_channels
 from softfuse.sensors.parameters import parameters
 
 
@@ -111,7 +111,7 @@ class CountsSettings(ContactSettings):
         usual = {"gain": 1.0, "untouched_counts": np.inf}
         return parameters(CapacitiveArray, self, baseline, baseline_time_s=baseline.time, **usual | own)
 
-    def _electronics(self, nothing: float, **own: float | Float[np.ndarray, " k"]) -> ChannelElectronics:
+    def _electronics(self, nothing: float, **own: Values) -> ChannelElectronics:
         """Virtual channels that read `nothing` untouched; own: what else they have of `equal_channels`."""
         ends = {"low": self.lowest_counts, "high": self.highest_counts}
         count = len(self.channels)

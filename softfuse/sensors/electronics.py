@@ -14,6 +14,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Float
 
+Values = float | Float[np.ndarray, " k"]
+"""One for all of k channels, or one for each."""
+
 _SAME_S = 1e-7
 """Difference below which two times between samples are the same [s]."""
 
@@ -42,19 +45,19 @@ class ChannelElectronics:
 def equal_channels(
     count: int,
     *,
-    noise: float | Float[np.ndarray, " k"],
-    step: float = 0.0,
-    low: float = -np.inf,
-    high: float = np.inf,
-    nothing: float | Float[np.ndarray, " k"] = 0.0,
-    gain: float | Float[np.ndarray, " k"] = 1.0,
-    zero: float | Float[np.ndarray, " k"] = 0.0,
-    wander_sigma: float | Float[np.ndarray, " k"] = 0.0,
-    wander_time: float = 1.0,
-    slow_sigma: float | Float[np.ndarray, " k"] = 0.0,
-    slow_time: float = 1.0,
+    noise: Values,
+    step: Values = 0.0,
+    low: Values = -np.inf,
+    high: Values = np.inf,
+    nothing: Values = 0.0,
+    gain: Values = 1.0,
+    zero: Values = 0.0,
+    wander_sigma: Values = 0.0,
+    wander_time: Values = 1.0,
+    slow_sigma: Values = 0.0,
+    slow_time: Values = 1.0,
 ) -> ChannelElectronics:
-    """`count` channels alike, but for gains and zeros; the options are the fields of ChannelElectronics.
+    """`count` channels; the options are the fields of ChannelElectronics.
 
     step 0: what is read is not rounded.
     """

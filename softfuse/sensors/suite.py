@@ -369,7 +369,7 @@ class SensorSuite(eqx.Module):
             else drift[:2]
             for one, drift in zip(self.sensors, drifts, strict=True)
         ]
-        return ReadingDrift(*map(jnp.concatenate, zip(*each, strict=True)), frame.dt_s)
+        return ReadingDrift(*map(jnp.concatenate, zip(*each, strict=True)), period_s=frame.dt_s)
 
 
 def _any(flags: Sequence[Bool[Array, ""]]) -> Bool[Array, ""]:

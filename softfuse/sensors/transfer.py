@@ -7,9 +7,7 @@ is digital; constants of a part that is named stand for keys left out.
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-import numpy as np
 from annotated_types import Ge, Gt
-from jaxtyping import Float
 from pydantic import BeforeValidator, ValidationInfo, model_validator
 
 from softfuse.io.quantity import (
@@ -21,7 +19,7 @@ from softfuse.io.quantity import (
     wrong_value,
 )
 from softfuse.sensors.base import Gains, Names, SensorSettings
-from softfuse.sensors.electronics import ChannelElectronics, equal_channels
+from softfuse.sensors.electronics import ChannelElectronics, Values, equal_channels
 
 
 def in_output(volts: Dimension, digital: Dimension | None = None) -> BeforeValidator:
@@ -94,7 +92,7 @@ class PartSettings(SensorSettings):
         """Their names, one for each chamber."""
         return tuple(f"{self.name} {chamber}" for chamber in self.chambers)
 
-    def _converted(self, **own: float | Float[np.ndarray, " n"]) -> ChannelElectronics:
+    def _converted(self, **own: Values) -> ChannelElectronics:
         """Virtual parts on the converter; own: what else they have of `equal_channels`."""
         step = self.full_scale / 2**self.bits
         ends = {"low": 0.0, "high": self.full_scale - step}
