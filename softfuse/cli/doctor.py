@@ -18,7 +18,7 @@ from softfuse.hardware.doctor.configured import check_config
 from softfuse.hardware.doctor.finding import Finding, State, well
 from softfuse.hardware.doctor.installed import check_installed
 from softfuse.hardware.doctor.sources import check_ports, check_sources
-from softfuse.hardware.source.serial_ports import serial_ports
+from softfuse.hardware.source.serial_port import serial_ports
 
 _SIGNS: dict[State, tuple[str, str]] = {
     "ok": ("ok", "green"),

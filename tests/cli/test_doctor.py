@@ -19,7 +19,7 @@ from softfuse.hardware.doctor.computing import check_cache, check_devices, check
 from softfuse.hardware.doctor.finding import Finding
 from softfuse.hardware.doctor.installed import check_requirements
 from softfuse.hardware.source.listening import Heard
-from softfuse.hardware.source.serial_ports import SerialPort
+from softfuse.hardware.source.serial_port import SerialPort
 from softfuse.hardware.wire.channel import Channel, RawType
 from softfuse.hardware.wire.description import Description
 from softfuse.hardware.wire.layout import Layout

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from softfuse.hardware.device_clock import ClockReport, DeviceClock
 from softfuse.hardware.live.assembler import Assembled, Assembler
-from softfuse.hardware.source.driver import AbstractDriver
-from softfuse.hardware.source.reading import Reading
+from softfuse.hardware.source.driver import AbstractDriver, Reading
 from softfuse.hardware.stream import Chunk, Notice
 from softfuse.hardware.wire.sequence import Arrival, SequenceCounts, SequenceWatch
 

@@ -21,12 +21,9 @@ from collections.abc import Mapping
 import numpy as np
 from fastcrc import crc16
 
-from softfuse.hardware.source.driver import AbstractDriver
+from softfuse.hardware.source.driver import AbstractDriver, Reading
 from softfuse.hardware.source.fixed_frames import FixedFrames
-from softfuse.hardware.source.reading import Reading
-from softfuse.hardware.source.remarks import Remarks
-from softfuse.hardware.source.wrench import WRENCH, check_wrench
-from softfuse.hardware.stream import Notice
+from softfuse.robot.source import BotaSource
 
 _FIRST = 0xAA
 _FRAME = struct.Struct("<BH6fIfH")
@@ -44,11 +41,10 @@ _NEAR_WRAP = 60_000_000
 class BotaSerial(AbstractDriver):
     """One Bota sensor."""
 
-    def __init__(self, *, names: tuple[str, ...] = WRENCH) -> None:
-        """HardwareError or WireError for names that cannot be."""
-        self._names = check_wrench(names)
+    def __init__(self, settings: BotaSource) -> None:
+        super().__init__()
+        self._names = settings.channels
         self._frames = FixedFrames(_FIRST, _FRAME.size, _whole)
-        self._remarks = Remarks()
         self._status = 0
         self._invalid = 0
         self._last = 0
@@ -70,24 +66,8 @@ class BotaSerial(AbstractDriver):
             "samples not valid": self._invalid,
             "frame failures": self._frames.failures,
             "bytes discarded": self._frames.bytes_discarded,
-            "remarks left out": self._remarks.left_out,
+            "remarks left out": self._left_out,
         }
-
-    def greeting(self) -> tuple[bytes, ...]:
-        """Nothing: the sensor sends by itself."""
-        return ()
-
-    def farewell(self) -> bytes:
-        """Nothing."""
-        return b""
-
-    def take_requests(self) -> bytes:
-        """Nothing."""
-        return b""
-
-    def take_notices(self) -> list[Notice]:
-        """Changes of the sensor's status."""
-        return self._remarks.take()
 
     def _reading(self, frame: bytes, host_s: float) -> Reading:
         _, status, *wrench, time_us, _, _ = _FRAME.unpack(frame)
@@ -105,9 +85,9 @@ class BotaSerial(AbstractDriver):
         self._status = status
         told = [meaning for bit, meaning in _MEANINGS.items() if status >> bit & 1]
         if told:
-            self._remarks.add(host_s, "warning", f"the sensor says that {'; '.join(told)}")
+            self._remark(host_s, "warning", f"the sensor says that {'; '.join(told)}")
         elif not status:
-            self._remarks.add(host_s, "info", "the sensor's status is healthy again")
+            self._remark(host_s, "info", "the sensor's status is healthy again")
 
     def _carried(self, time_us: int) -> int:
         """The time, carried on over the wraps of 32 bits; a sensor that restarted begins anew."""

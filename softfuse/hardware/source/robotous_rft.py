@@ -24,13 +24,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from softfuse.errors import HardwareError
-from softfuse.hardware.source.driver import AbstractDriver
+from softfuse.hardware.source.driver import AbstractDriver, Reading
 from softfuse.hardware.source.fixed_frames import FixedFrames
-from softfuse.hardware.source.reading import Reading
-from softfuse.hardware.source.remarks import Remarks
-from softfuse.hardware.source.wrench import WRENCH, check_wrench
-from softfuse.hardware.stream import Notice
+from softfuse.robot.source import RobotousRftSource
 
 RATES = {10: 1, 20: 2, 50: 3, 100: 4, 200: 5, 333: 6, 500: 7, 1000: 8}
 """Samples per second that the sensor can send, and their numbers."""
@@ -42,30 +38,13 @@ _ONCE, _START, _STOP, _SET_RATE = 10, 11, 12, 15
 class RobotousRft(AbstractDriver):
     """One RFT sensor."""
 
-    def __init__(
-        self,
-        *,
-        counts_per_force: float = 50.0,
-        counts_per_torque: float = 2000.0,
-        rate: int | None = None,
-        names: tuple[str, ...] = WRENCH,
-    ) -> None:
-        """Counts per N and per N m; samples per second, None for what the sensor is set to.
-
-        HardwareError for divisors not above 0 and a rate that is none of `RATES`; it or WireError for names.
-        """
-        for what, value in (("force", counts_per_force), ("torque", counts_per_torque)):
-            if not 0.0 < value < float("inf"):
-                raise HardwareError(f"the counts per {what} of an RFT cannot be {value}: see its manual")
-        if rate is not None and rate not in RATES:
-            raise HardwareError(
-                f"an RFT cannot send {rate:g} samples per second: choose from {', '.join(map(str, RATES))}"
-            )
-        self._counts = np.array([counts_per_force] * 3 + [counts_per_torque] * 3)
-        self._rate = rate
-        self._names = check_wrench(names)
+    def __init__(self, settings: RobotousRftSource) -> None:
+        super().__init__()
+        per_force, per_torque = settings.counts_per_newton, settings.counts_per_newton_metre
+        self._counts = np.array([per_force] * 3 + [per_torque] * 3)
+        self._rate = settings.rate
+        self._names = settings.channels
         self._frames = FixedFrames(_FIRST, _RESPONSE, _whole)
-        self._remarks = Remarks()
         self._overload = 0
         self._samples = self._overloaded = 0
 
@@ -76,7 +55,7 @@ class RobotousRft(AbstractDriver):
             if frame[1] in (_ONCE, _START):
                 readings.append(self._reading(frame, host_s))
             elif frame[1] == _SET_RATE:
-                self._remarks.add(
+                self._remark(
                     host_s, "info", f"the sensor was asked for its rate: result {frame[2]}, error {frame[3]}"
                 )
         return readings
@@ -94,25 +73,17 @@ class RobotousRft(AbstractDriver):
             "responses": self._frames.found - self._samples,
             "frame failures": self._frames.failures,
             "bytes discarded": self._frames.bytes_discarded,
-            "remarks left out": self._remarks.left_out,
+            "remarks left out": self._left_out,
         }
 
     def greeting(self) -> tuple[bytes, ...]:
         """Stop the output, since settings are not taken while it runs, set the rate, start it."""
-        rate = () if self._rate is None else (_command(_SET_RATE, RATES[self._rate]),)
+        rate = () if self._rate is None else (_command(_SET_RATE, RATES[round(self._rate)]),)
         return (_command(_STOP), *rate, _command(_START))
 
     def farewell(self) -> bytes:
         """Stop the output."""
         return _command(_STOP)
-
-    def take_requests(self) -> bytes:
-        """Nothing."""
-        return b""
-
-    def take_notices(self) -> list[Notice]:
-        """Overloads as they begin and end."""
-        return self._remarks.take()
 
     def _reading(self, frame: bytes, host_s: float) -> Reading:
         raw = np.frombuffer(frame, ">i2", count=6, offset=2)
@@ -122,9 +93,9 @@ class RobotousRft(AbstractDriver):
         if overload != self._overload:
             self._overload = overload
             if overload:
-                self._remarks.add(host_s, "warning", f"the sensor is overloaded (0x{overload:02x})")
+                self._remark(host_s, "warning", f"the sensor is overloaded (0x{overload:02x})")
             else:
-                self._remarks.add(host_s, "info", "the sensor is no longer overloaded")
+                self._remark(host_s, "info", "the sensor is no longer overloaded")
         return Reading(0, None, None, host_s, self._names, raw.astype(np.float64) / self._counts)
 
 

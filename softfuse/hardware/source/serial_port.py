@@ -10,10 +10,12 @@ Under Linux a device that is plugged in again may get another /dev/ttyUSB number
 """
 
 import io
+import os
 import re
 import select
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import Any
 
 from softfuse.errors import HardwareError
@@ -23,6 +25,33 @@ SCHEMES = ("socket", "rfc2217", "loop", "hwgrep")
 """Kinds of addresses, besides a device's own name."""
 
 
+@dataclass(frozen=True)
+class SerialPort:
+    """The name of a port that this computer has, what the device says that it is, and whether this user may
+    open it.
+
+    What the device says comes from the device: to be escaped before it reaches a terminal.
+    """
+
+    name: str
+    description: str
+    allowed: bool
+
+
+def serial_ports() -> list[SerialPort]:
+    """All that this computer has, by name; none is opened."""
+    from serial.tools import list_ports
+
+    ports = []
+    for port in list_ports.comports():
+        said = [port.description, port.manufacturer, port.serial_number]
+        described = ", ".join(dict.fromkeys(text for text in said if text and text != "n/a"))
+        # Only where ports are files.
+        allowed = not os.path.exists(port.device) or os.access(port.device, os.R_OK | os.W_OK)
+        ports.append(SerialPort(port.device, described, allowed))
+    return sorted(ports, key=lambda port: port.name)
+
+
 def open_serial(url: str, baud: int) -> AbstractPort:
     """The open port at an address, 8 bits, no parity, 1 stop bit; what had come before is dropped.
 
@@ -30,21 +59,18 @@ def open_serial(url: str, baud: int) -> AbstractPort:
     """
     import serial
 
-    check_address(url)
+    scheme, found, _ = url.partition("://")
+    if not url or (found and scheme.lower() not in SCHEMES):
+        raise HardwareError(
+            f"{url!r} is no port: give its name, such as /dev/ttyUSB0 or COM3, "
+            f"or {', '.join(f'{one}://' for one in SCHEMES)}"
+        )
     try:
         with _os_errors():
             port = serial.serial_for_url(url, baudrate=baud, exclusive=True, write_timeout=WRITE_WAIT_S)
     except (ValueError, re.error) as error:
         raise HardwareError(f"{url} at {baud} baud: {error}") from error
-    try:
-        # Without waiting, pyserial reads all there is in one call; it can only wait for a number of bytes.
-        handle = port.fileno()
-    except (io.UnsupportedOperation, AttributeError):
-        port.timeout = WAIT_S
-        opened = _QueuedPort(port)
-    else:
-        port.timeout = 0
-        opened = _SelectedPort(port, handle)
+    opened = _SerialPort(port)
     try:
         with _os_errors():
             port.reset_input_buffer()
@@ -54,72 +80,42 @@ def open_serial(url: str, baud: int) -> AbstractPort:
     return opened
 
 
-def check_address(url: str) -> None:
-    """HardwareError for an address that is no port."""
-    scheme, found, _ = url.partition("://")
-    if not url or (found and scheme.lower() not in SCHEMES):
-        raise HardwareError(
-            f"{url!r} is no port: give its name, such as /dev/ttyUSB0 or COM3, "
-            f"or {', '.join(f'{one}://' for one in SCHEMES)}"
-        )
+class _SerialPort(AbstractPort):
+    """A port by pyserial, waited for by the operating system where that can."""
 
-
-class _SelectedPort(AbstractPort):
-    """A port that the operating system can wait for."""
-
-    def __init__(self, port: Any, handle: int) -> None:
+    def __init__(self, port: Any) -> None:
         self._port = port
-        self._handle = handle
+        # Without waiting, pyserial reads all there is in one call; it can only wait for a number of bytes.
+        # Only it can wait for loop, rfc2217, and Windows' own.
+        try:
+            self._handle = port.fileno()
+        except (io.UnsupportedOperation, AttributeError):
+            self._handle = None
+        port.timeout = WAIT_S if self._handle is None else 0
 
     def read(self) -> bytes:
         """What has come, or b"" after WAIT_S."""
         with _os_errors():
+            if self._handle is None:
+                first = self._port.read(1)
+                return first + self._port.read(min(self._port.in_waiting, LARGEST_READ)) if first else b""
             ready, _, _ = select.select([self._handle], [], [], WAIT_S)
             return self._port.read(LARGEST_READ) if ready else b""
 
     def write(self, data: bytes) -> None:
         """Send all of it."""
-        _write(self._port, data)
+        import serial
+
+        try:
+            with _os_errors():
+                self._port.write(data)
+        except serial.SerialTimeoutException as error:
+            raise TimeoutError("the device takes no bytes") from error
 
     def close(self) -> None:
         """Close it."""
-        _close(self._port)
-
-
-class _QueuedPort(AbstractPort):
-    """A port that only pyserial can wait for: loop, rfc2217, and Windows' own."""
-
-    def __init__(self, port: Any) -> None:
-        self._port = port
-
-    def read(self) -> bytes:
-        """What has come, or b"" after WAIT_S."""
-        with _os_errors():
-            first = self._port.read(1)
-            return first + self._port.read(min(self._port.in_waiting, LARGEST_READ)) if first else b""
-
-    def write(self, data: bytes) -> None:
-        """Send all of it."""
-        _write(self._port, data)
-
-    def close(self) -> None:
-        """Close it."""
-        _close(self._port)
-
-
-def _write(port: Any, data: bytes) -> None:
-    import serial
-
-    try:
-        with _os_errors():
-            port.write(data)
-    except serial.SerialTimeoutException as error:
-        raise TimeoutError("the device takes no bytes") from error
-
-
-def _close(port: Any) -> None:
-    with suppress(OSError), _os_errors():
-        port.close()
+        with suppress(OSError), _os_errors():
+            self._port.close()
 
 
 @contextmanager

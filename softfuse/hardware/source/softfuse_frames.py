@@ -6,10 +6,7 @@ counted, and the host asks for the description.
 
 from collections.abc import Mapping
 
-from softfuse.hardware.source.driver import AbstractDriver
-from softfuse.hardware.source.reading import Reading
-from softfuse.hardware.source.remarks import Remarks
-from softfuse.hardware.stream import Notice
+from softfuse.hardware.source.driver import AbstractDriver, Reading
 from softfuse.hardware.wire.decoder import MOST_DEVICES, Decoder, Received
 from softfuse.hardware.wire.message import (
     EVERY_DEVICE,
@@ -30,12 +27,12 @@ class SoftfuseFrames(AbstractDriver):
     """One line with one or several devices of the binary protocol."""
 
     def __init__(self) -> None:
+        super().__init__()
         self._decoder = Decoder()
         # Names in the order in which the devices were heard of, as the decoder keeps its layouts.
         self._names: dict[int, tuple[str, ...]] = {}
         self._asked: dict[int, float] = {}
         self._requests = b""
-        self._remarks = Remarks()
 
     def feed(self, data: bytes, host_s: float) -> list[Reading]:
         """The readings that end in the next bytes, which came at host_s [s]; in order."""
@@ -49,7 +46,7 @@ class SoftfuseFrames(AbstractDriver):
                 case DescriptionMessage() as message:
                     self._learn(message, host_s)
                 case TextMessage(header=header, text=text):
-                    self._remarks.add(host_s, "info", f"device {header.device}: {text}")
+                    self._remark(host_s, "info", f"device {header.device}: {text}")
                 case AskMessage():
                     pass  # an echo of the host's own
         return readings
@@ -72,7 +69,7 @@ class SoftfuseFrames(AbstractDriver):
             "of another version": counts.unknown_version,
             "of an unknown kind": counts.unknown_kind,
             "bytes discarded": counts.line.bytes_discarded,
-            "remarks left out": self._remarks.left_out,
+            "remarks left out": self._left_out,
         }
 
     def greeting(self) -> tuple[bytes, ...]:
@@ -80,18 +77,10 @@ class SoftfuseFrames(AbstractDriver):
         # The 0x00 ends what the line may have made up while it was plugged in.
         return (b"\0" + _question(EVERY_DEVICE),)
 
-    def farewell(self) -> bytes:
-        """Nothing: devices send whether somebody listens or not."""
-        return b""
-
     def take_requests(self) -> bytes:
         """Questions to devices whose samples cannot be read."""
         requests, self._requests = self._requests, b""
         return requests
-
-    def take_notices(self) -> list[Notice]:
-        """Devices' remarks, and what devices there are."""
-        return self._remarks.take()
 
     def _reading(self, received: Received, header: Header) -> Reading:
         assert received.values is not None
@@ -117,7 +106,7 @@ class SoftfuseFrames(AbstractDriver):
         before = self._names.pop(device, None)
         self._names[device] = description.names
         if before != description.names:
-            self._remarks.add(
+            self._remark(
                 host_s,
                 "info",
                 f"device {device} is {description.name!r}, with {len(description.channels)} channels",
