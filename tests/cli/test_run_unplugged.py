@@ -11,9 +11,9 @@ from softfuse.experiment.programme import Programme
 from softfuse.hardware.record.session_reader import Session, read_session
 from softfuse.hardware.virtual.board import VirtualBoard
 from softfuse.hardware.virtual.board_clock import BoardClock
-from softfuse.hardware.virtual.line_faults import FaultyLine, LineFaults
-from softfuse.hardware.virtual.pseudo_terminal import PseudoTerminal
-from softfuse.hardware.virtual.serving import Outages, RealTime, VirtualDevice, VirtualPort
+from softfuse.hardware.virtual.faults import FaultyLine, LineFaults, Outages
+from softfuse.hardware.virtual.ports import PseudoTerminal
+from softfuse.hardware.virtual.serving import VirtualDevice, VirtualPort, in_real_time
 from softfuse.hardware.wire.channel import Channel, RawType
 from softfuse.hardware.wire.description import Description
 from softfuse.report.live import LiveEstimates
@@ -59,7 +59,7 @@ def recorded(
         ):
             readings = np.tile(np.linspace(0.0, 600.0, 601)[:, None], len(names))
             ports.append(port_of(number, Programme(1.0, names, readings, {}), rate_Hz, drift))
-        device = VirtualDevice(ports, RealTime(), outages=Outages(AWAY_S, EVERY_S, powered))
+        device = VirtualDevice(ports, in_real_time, outages=Outages(AWAY_S, EVERY_S, powered))
 
         built = LiveEstimates.built
 

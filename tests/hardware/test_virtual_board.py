@@ -7,8 +7,7 @@ from softfuse.errors import HardwareError
 from softfuse.hardware.device_clock import DeviceClock
 from softfuse.hardware.virtual.board import VirtualBoard
 from softfuse.hardware.virtual.board_clock import BoardClock
-from softfuse.hardware.virtual.line_faults import FaultyLine, LineFaults
-from softfuse.hardware.virtual.sensor_faults import DeadSensor, SensorFaults
+from softfuse.hardware.virtual.faults import DeadSensor, FaultyLine, LineFaults, SensorFaults
 from softfuse.hardware.wire.channel import Channel, RawType
 from softfuse.hardware.wire.decoder import Decoder, Received
 from softfuse.hardware.wire.description import Description

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.hardware.virtual.board_clock import BoardClock
-from softfuse.hardware.virtual.sensor_faults import NO_FAULTS, FaultySensors, SensorFaults
+from softfuse.hardware.virtual.faults import NO_FAULTS, FaultySensors, SensorFaults
 from softfuse.hardware.wire.decoder import Decoder
 from softfuse.hardware.wire.description import Description
 from softfuse.hardware.wire.layout import Layout
@@ -37,7 +37,7 @@ Read = Callable[[Float[np.ndarray, " m"]], Float[np.ndarray, "m k"]]
 """Values (m, k) of a board's channels at true times (m,) s, which increase from call to call."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class BoardCounts:
     """What a board has done since it was made.
 
@@ -45,11 +45,11 @@ class BoardCounts:
     power_ons.
     """
 
-    samples: int
-    lost: int
-    descriptions: int
-    answers: int
-    power_ons: int
+    samples: int = 0
+    lost: int = 0
+    descriptions: int = 0
+    answers: int = 0
+    power_ons: int = 0
 
 
 class VirtualBoard:
@@ -66,24 +66,17 @@ class VirtualBoard:
         seed: Sequence[int] = (0,),
     ) -> None:
         """`seed`: of the faults. Nothing is read and no time passes before `switch_on`."""
-        self._device, self._description, self._read, self._clock = device, description, read, clock
+        self._device, self._read, self._clock = device, read, clock
+        self.description = description
+        """What it says about itself."""
+        self.counts = BoardCounts()
+        """What it has done so far."""
         self._layout = Layout(description)
         self._faulty = FaultySensors(description.names, faults, seed)
         self._host = Decoder()
         self._on_s = 0.0
         self._next = 0
         self._described_us = 0
-        self._samples = self._lost = self._descriptions = self._answers = self._power_ons = 0
-
-    @property
-    def description(self) -> Description:
-        """What it says about itself."""
-        return self._description
-
-    @property
-    def counts(self) -> BoardCounts:
-        """What it has done so far."""
-        return BoardCounts(self._samples, self._lost, self._descriptions, self._answers, self._power_ons)
 
     @property
     def next_s(self) -> float:
@@ -93,7 +86,7 @@ class VirtualBoard:
     def switch_on(self, true_s: float) -> list[bytes]:
         """The first packets when it begins, or begins anew, at a true time [s] after those of all samples."""
         self._on_s, self._next = true_s, 0
-        self._power_ons += 1
+        self.counts.power_ons += 1
         self._host = Decoder()
         # The empty packet ends what a bootloader may have printed.
         return [b"\0", self._describe(self._clock.device_us(0))]
@@ -117,7 +110,7 @@ class VirtualBoard:
         for received in self._host.feed(data, 0.0):
             message = received.message
             if isinstance(message, AskMessage) and message.header.device in (self._device, EVERY_DEVICE):
-                self._answers += 1
+                self.counts.answers += 1
                 packets.append(self._describe(self._clock.device_us(max(0, self._next - 1))))
         return packets
 
@@ -133,18 +126,18 @@ class VirtualBoard:
                 packets.append(self._describe(time_us))
             self._next = number + 1
             if lost:
-                self._lost += 1
+                self.counts.lost += 1
                 continue
             header = Header(self._device, number % MODULUS, time_us)
             packets.append(_packed(SampleMessage(header, self._layout.number, self._layout.content(sample))))
-            self._samples += 1
+            self.counts.samples += 1
         return packets
 
     def _describe(self, time_us: int) -> bytes:
         self._described_us = time_us
-        self._descriptions += 1
+        self.counts.descriptions += 1
         header = Header(self._device, self._next % MODULUS, time_us)
-        return _packed(DescriptionMessage(header, self._description))
+        return _packed(DescriptionMessage(header, self.description))
 
 
 def _packed(message: Message) -> bytes:
