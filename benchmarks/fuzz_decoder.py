@@ -27,10 +27,8 @@ import numpy as np
 from cobs import cobs
 
 from softfuse.hardware.source.text_lines import TextFormat, TextLines
-from softfuse.hardware.wire.channel import Channel, RawType
 from softfuse.hardware.wire.decoder import Decoder
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
 from softfuse.hardware.wire.message import DescriptionMessage, Header, Message, SampleMessage, encode
 from softfuse.hardware.wire.packet import Unpacker, pack
 

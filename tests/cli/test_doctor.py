@@ -20,9 +20,7 @@ from softfuse.hardware.doctor.finding import Finding
 from softfuse.hardware.doctor.installed import check_requirements
 from softfuse.hardware.source.listening import Heard
 from softfuse.hardware.source.serial_port import SerialPort
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
 from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, TextMessage, encode
 from softfuse.hardware.wire.packet import pack
 from softfuse.mechanics.multifrontal import Multifrontal

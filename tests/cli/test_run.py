@@ -15,9 +15,7 @@ import pytest
 from softfuse.hardware.live.rerun_view import Picture, RerunView
 from softfuse.hardware.record.entries import EstimateEntry
 from softfuse.hardware.record.session_reader import Session, read_session
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
 from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
 from softfuse.hardware.wire.packet import pack
 

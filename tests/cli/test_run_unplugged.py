@@ -14,8 +14,7 @@ from softfuse.hardware.virtual.board_clock import BoardClock
 from softfuse.hardware.virtual.faults import FaultyLine, LineFaults, Outages
 from softfuse.hardware.virtual.ports import PseudoTerminal
 from softfuse.hardware.virtual.serving import VirtualDevice, VirtualPort, in_real_time
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
+from softfuse.hardware.wire.description import Channel, Description, RawType
 from softfuse.report.live import LiveEstimates
 from softfuse.robot.file import load
 from softfuse.robot.settings import RobotSettings

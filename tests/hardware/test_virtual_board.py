@@ -8,9 +8,8 @@ from softfuse.hardware.device_clock import DeviceClock
 from softfuse.hardware.virtual.board import VirtualBoard
 from softfuse.hardware.virtual.board_clock import BoardClock
 from softfuse.hardware.virtual.faults import DeadSensor, FaultyLine, LineFaults, SensorFaults
-from softfuse.hardware.wire.channel import Channel, RawType
 from softfuse.hardware.wire.decoder import Decoder, Received
-from softfuse.hardware.wire.description import Description
+from softfuse.hardware.wire.description import Channel, Description, RawType
 from softfuse.hardware.wire.message import (
     AskMessage,
     DescriptionMessage,

@@ -23,9 +23,8 @@ from softfuse.hardware.virtual.serving import (
     as_fast_as_read,
     in_real_time,
 )
-from softfuse.hardware.wire.channel import Channel, RawType
 from softfuse.hardware.wire.decoder import Decoder
-from softfuse.hardware.wire.description import Description
+from softfuse.hardware.wire.description import Channel, Description, RawType
 from softfuse.hardware.wire.message import EVERY_DEVICE, AskMessage, Header, SampleMessage, encode
 from softfuse.hardware.wire.packet import pack
 from softfuse.hardware.wire.sequence import SequenceWatch

@@ -52,7 +52,7 @@ class Pipeline:
     def devices(self) -> list[DeviceReport]:
         """What has come from each device."""
         return [
-            DeviceReport(source, device, seen.watch.counts, seen.clock.report)
+            DeviceReport(source, device, replace(seen.watch.counts), seen.clock.report)
             # A copy: another thread may ask while a device is heard of for the first time.
             for (source, device), seen in list(self._devices.items())
         ]

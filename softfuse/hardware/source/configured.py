@@ -15,7 +15,7 @@ from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.source.text_lines import PRESETS, TextFormat, TextLines
 from softfuse.hardware.source.udp_port import open_udp
 from softfuse.hardware.stream import Chunk, HostClock, Notice
-from softfuse.hardware.wire.channel import check_name
+from softfuse.hardware.wire.description import check_name
 from softfuse.robot.source import (
     AnySource,
     AtiNetFtSource,

@@ -48,8 +48,7 @@ import numpy as np
 from softfuse.errors import WireError
 from softfuse.hardware.source.driver import AbstractDriver, Reading
 from softfuse.hardware.table.form import number
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
+from softfuse.hardware.wire.description import Channel, Description, RawType
 
 LONGEST_LINE = 16384
 """Bytes of the longest line, without its end."""

@@ -13,8 +13,7 @@ from jaxtyping import Float
 from softfuse.hardware.virtual.board_clock import BoardClock
 from softfuse.hardware.virtual.faults import NO_FAULTS, FaultySensors, SensorFaults
 from softfuse.hardware.wire.decoder import Decoder
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Description, Layout
 from softfuse.hardware.wire.message import (
     EVERY_DEVICE,
     AskMessage,

@@ -13,8 +13,7 @@ from softfuse.errors import RecordingError
 from softfuse.hardware.virtual.board import Read, VirtualBoard
 from softfuse.hardware.virtual.board_clock import BoardClock
 from softfuse.hardware.virtual.faults import Faults
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
+from softfuse.hardware.wire.description import Channel, Description, RawType
 from softfuse.sensors.electronics import ChannelElectronics, Converter
 
 _NOISE, _FAULTS, _LINE, _CLOCK = range(4)

@@ -20,21 +20,6 @@ _ROOM = 16384
 """Bytes that the system may keep for a listener who is behind; a few seconds of a pad."""
 
 
-def outlets_of(tcp: int | None, link: Path | None, boards: int) -> list[list[AbstractOutlet]]:
-    """The outlets of each board: a pseudo-terminal unless there is a TCP port and no link is asked for."""
-    found: list[list[AbstractOutlet]] = []
-    for k in range(boards):
-        here: list[AbstractOutlet] = []
-        if tcp is not None:
-            here.append(TcpPort(tcp + k if tcp else 0))
-        if link is not None:
-            here.append(PseudoTerminal(link if boards == 1 else link.with_name(f"{link.name}{k + 1}")))
-        elif tcp is None:
-            here.append(PseudoTerminal())
-        found.append(here)
-    return found
-
-
 class AbstractOutlet(ABC):
     """A port; `open` and `close` may alternate, and it is told by the same name each time where that is
     possible.
@@ -312,3 +297,18 @@ class TcpPort(AbstractOutlet):
             self._client.close()
             self._client = None
         self._backlog.clear()
+
+
+def outlets_of(tcp: int | None, link: Path | None, boards: int) -> list[list[AbstractOutlet]]:
+    """The outlets of each board: a pseudo-terminal unless there is a TCP port and no link is asked for."""
+    found: list[list[AbstractOutlet]] = []
+    for k in range(boards):
+        here: list[AbstractOutlet] = []
+        if tcp is not None:
+            here.append(TcpPort(tcp + k if tcp else 0))
+        if link is not None:
+            here.append(PseudoTerminal(link if boards == 1 else link.with_name(f"{link.name}{k + 1}")))
+        elif tcp is None:
+            here.append(PseudoTerminal())
+        found.append(here)
+    return found

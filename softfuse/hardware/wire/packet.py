@@ -12,19 +12,19 @@ LONGEST_PACKET = LONGEST_BODY + CRC_SIZE + (LONGEST_BODY + CRC_SIZE) // 254 + 1
 """Bytes of the longest packet, without the 0x00 at its end."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class PacketCounts:
     """What became of the bytes: discarded or in packets, all but the 0x00 and a packet that has begun."""
 
-    packets: int
+    packets: int = 0
     """Whole packets with the right CRC."""
-    crc_failures: int
+    crc_failures: int = 0
     """Packets with a wrong CRC, or too short to have one."""
-    cobs_failures: int
+    cobs_failures: int = 0
     """Packets that are no COBS."""
-    oversized: int
+    oversized: int = 0
     """Packets longer than any can be."""
-    bytes_discarded: int
+    bytes_discarded: int = 0
     """Bytes of the packets of the last three kinds and of `discard_partial`, without the 0x00."""
 
 
@@ -39,22 +39,8 @@ class Unpacker:
     def __init__(self) -> None:
         self._partial = bytearray()
         self._too_long = False
-        self._packets = 0
-        self._crc_failures = 0
-        self._cobs_failures = 0
-        self._oversized = 0
-        self._bytes_discarded = 0
-
-    @property
-    def counts(self) -> PacketCounts:
+        self.counts = PacketCounts()
         """What has become of the bytes so far."""
-        return PacketCounts(
-            packets=self._packets,
-            crc_failures=self._crc_failures,
-            cobs_failures=self._cobs_failures,
-            oversized=self._oversized,
-            bytes_discarded=self._bytes_discarded,
-        )
 
     def feed(self, data: bytes) -> list[bytes]:
         """The bodies that end in the next bytes of the stream, in order; never raises."""
@@ -69,16 +55,16 @@ class Unpacker:
 
     def discard_partial(self) -> None:
         """Forget a packet that has begun, for instance since the line was interrupted."""
-        self._bytes_discarded += len(self._partial)
+        self.counts.bytes_discarded += len(self._partial)
         self._partial.clear()
         self._too_long = False
 
     def _extend(self, piece: bytes) -> None:
         if self._too_long:
-            self._bytes_discarded += len(piece)
+            self.counts.bytes_discarded += len(piece)
         elif len(self._partial) + len(piece) > LONGEST_PACKET:
-            self._oversized += 1
-            self._bytes_discarded += len(self._partial) + len(piece)
+            self.counts.oversized += 1
+            self.counts.bytes_discarded += len(self._partial) + len(piece)
             self._partial.clear()
             self._too_long = True
         else:
@@ -97,13 +83,13 @@ class Unpacker:
         try:
             data = cobs.decode(packet)
         except cobs.DecodeError:
-            self._cobs_failures += 1
-            self._bytes_discarded += len(packet)
+            self.counts.cobs_failures += 1
+            self.counts.bytes_discarded += len(packet)
             return None
         body = data[:-CRC_SIZE]
         if len(data) < CRC_SIZE or crc16.ibm_3740(body) != int.from_bytes(data[-CRC_SIZE:], "little"):
-            self._crc_failures += 1
-            self._bytes_discarded += len(packet)
+            self.counts.crc_failures += 1
+            self.counts.bytes_discarded += len(packet)
             return None
-        self._packets += 1
+        self.counts.packets += 1
         return body

@@ -9,9 +9,7 @@ from softfuse.hardware.source.listening import Listener
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.source.text_lines import TextFormat, TextLines
 from softfuse.hardware.stream import Chunk
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
 from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
 from softfuse.hardware.wire.packet import pack
 

@@ -17,9 +17,7 @@ import pytest
 from softfuse.cli import main
 from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.recording import Recording, read_recording
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
 from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
 from softfuse.hardware.wire.packet import pack
 from softfuse.robot.file import load
