@@ -11,7 +11,7 @@ from softfuse.cli.options import Quiet
 from softfuse.cli.progress import tracked
 from softfuse.cli.sources import session_info
 from softfuse.cli.terminal import say, stderr
-from softfuse.hardware.stage.firmware import Firmware, open_stage
+from softfuse.hardware.stage.gcode import Firmware, open_stage
 from softfuse.hardware.stream import HostClock, Notice
 from softfuse.hardware.testbed.gathering import ForceAxis
 from softfuse.hardware.testbed.plan import moves, places_wanted, planned

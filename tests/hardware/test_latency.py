@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from softfuse.hardware.live.latency import Latencies
+from softfuse.hardware.live.session import Latencies
 
 
 def test_quantiles_are_those_of_the_samples_to_two_per_cent() -> None:

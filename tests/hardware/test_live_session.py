@@ -16,8 +16,7 @@ from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.live.replay import Comparison, Replay
-from softfuse.hardware.live.session import Published, Session
-from softfuse.hardware.live.words import besides_samples
+from softfuse.hardware.live.session import Published, Session, besides_samples
 from softfuse.hardware.record.entries import SessionInfo, SourceInfo
 from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from softfuse.hardware.live.assembler import Assembled
-from softfuse.hardware.live.pipeline import Pipeline
+from softfuse.hardware.live.pipeline import Assembled, Pipeline
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.stream import Chunk
 from softfuse.hardware.wire.description import Channel, Description, Layout, RawType

@@ -6,11 +6,11 @@ import time
 from collections.abc import Callable, Sequence
 
 from softfuse.errors import HardwareError
-from softfuse.hardware.doctor.finding import Finding
+from softfuse.hardware.doctor.findings import Finding
 from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.hardware.source.connection import SILENCE
 from softfuse.hardware.source.listening import Heard, Listener
-from softfuse.hardware.source.serial_port import SerialPort
+from softfuse.hardware.source.port import SerialPort
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 from softfuse.robot.source import AnySource
 

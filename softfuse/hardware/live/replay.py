@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 from softfuse.estimation.stream import Estimate
 from softfuse.estimation.tracked import Frame
-from softfuse.hardware.live.assembler import Assembled
-from softfuse.hardware.live.pipeline import Pipeline
+from softfuse.hardware.live.pipeline import Assembled, Pipeline
 from softfuse.hardware.live.session import Estimating, Fields, Published
 from softfuse.hardware.record.entries import EstimateEntry
 from softfuse.hardware.record.session_reader import Session as RecordedSession

@@ -10,8 +10,15 @@ from pathlib import Path
 
 from softfuse.errors import RecordingError
 from softfuse.hardware.record.entries import SessionInfo
-from softfuse.hardware.record.frame_table import FrameTable, read_csv, write_csv, write_csv_estimates
-from softfuse.hardware.record.parquet import read_parquet, write_parquet, write_parquet_estimates
+from softfuse.hardware.record.frame_table import (
+    FrameTable,
+    read_csv,
+    read_parquet,
+    write_csv,
+    write_csv_estimates,
+    write_parquet,
+    write_parquet_estimates,
+)
 from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.record.session_writer import SessionWriter
 from softfuse.hardware.table.form import FOUND, TableForm
@@ -59,7 +66,7 @@ def convert_estimates(source: Path, target: Path, *, overwrite: bool = False) ->
     compressed = suffix(target) == ".csv.gz"
     return _create(
         target,
-        lambda path: write_csv_estimates(path, tuple(kinds), session.estimates(), compressed=compressed),
+        lambda path: write_csv_estimates(path, kinds, session.estimates(), compressed=compressed),
         overwrite=overwrite,
     )
 

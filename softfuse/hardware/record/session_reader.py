@@ -8,8 +8,17 @@ from pathlib import Path
 from typing import BinaryIO, TypeVar
 
 from softfuse.errors import RecordingError
-from softfuse.hardware.record.entries import EstimateEntry, FrameEntry, Kind, SessionInfo, SourceInfo
-from softfuse.hardware.record.entry_json import EstimateFormat, FrameFormat, parse_json, read_notice
+from softfuse.hardware.record.entries import (
+    EstimateEntry,
+    EstimateFormat,
+    FrameEntry,
+    FrameFormat,
+    Kind,
+    SessionInfo,
+    SourceInfo,
+    parse_json,
+    read_notice,
+)
 from softfuse.hardware.record.mcap_records import (
     MAGIC,
     DamagedRecord,

@@ -23,11 +23,13 @@ from types import TracebackType
 from typing import Self
 
 from softfuse.errors import RecordingError
-from softfuse.hardware.record.entries import EstimateEntry, FrameEntry, SessionInfo
-from softfuse.hardware.record.entry_json import (
+from softfuse.hardware.record.entries import (
     LONGEST_JSON,
+    EstimateEntry,
     EstimateFormat,
+    FrameEntry,
     FrameFormat,
+    SessionInfo,
     estimate_schema,
     frame_schema,
     notice_schema,

@@ -8,12 +8,10 @@ from softfuse.hardware.source.ati_net_ft import PORT, AtiNetFt
 from softfuse.hardware.source.bota_serial import BotaSerial
 from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.source.driver import AbstractDriver
-from softfuse.hardware.source.port import AbstractPort
+from softfuse.hardware.source.port import AbstractPort, open_serial, open_udp
 from softfuse.hardware.source.robotous_rft import RobotousRft
-from softfuse.hardware.source.serial_port import open_serial
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.source.text_lines import PRESETS, TextFormat, TextLines
-from softfuse.hardware.source.udp_port import open_udp
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 from softfuse.hardware.wire.description import check_name
 from softfuse.robot.source import (

@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softfuse.errors import HardwareError
-from softfuse.hardware.stage.gcode import GcodeStage
-from softfuse.hardware.stage.workspace import Workspace
+from softfuse.hardware.stage.gcode import GcodeStage, Workspace
 from softfuse.hardware.testbed.gathering import Gathering
 from softfuse.hardware.testbed.places import Point
 from softfuse.hardware.testbed.procedure import (

@@ -16,8 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softfuse.errors import HardwareError
-from softfuse.hardware.live.assembler import Assembled
-from softfuse.hardware.live.pipeline import Pipeline
+from softfuse.hardware.live.pipeline import Assembled, Pipeline
 from softfuse.hardware.record.entries import FrameEntry
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 from softfuse.hardware.testbed.places import LABELS

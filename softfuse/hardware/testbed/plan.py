@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from softfuse.errors import ConfigError
-from softfuse.hardware.stage.workspace import Workspace
+from softfuse.hardware.stage.gcode import Workspace
 from softfuse.hardware.testbed.bench import Origin, workspace_of
 from softfuse.hardware.testbed.files import done_already
 from softfuse.hardware.testbed.places import Point, grid, read_places

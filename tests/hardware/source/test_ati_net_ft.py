@@ -10,7 +10,7 @@ from softfuse.errors import HardwareError
 from softfuse.hardware.source import connection as connection_module
 from softfuse.hardware.source.ati_net_ft import PORT, AtiNetFt
 from softfuse.hardware.source.connection import Connection
-from softfuse.hardware.source.udp_port import open_udp
+from softfuse.hardware.source.port import open_udp
 from softfuse.hardware.stream import HostClock
 from softfuse.robot.source import AtiNetFtSource
 

@@ -12,7 +12,7 @@ import pytest
 from softfuse.errors import HardwareError
 from softfuse.hardware.source import connection as connection_module
 from softfuse.hardware.source.connection import Connection, remedy
-from softfuse.hardware.source.serial_port import open_serial
+from softfuse.hardware.source.port import open_serial
 from softfuse.hardware.stream import HostClock
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from softfuse.hardware.source.bota_serial import BotaSerial
 from softfuse.hardware.source.connection import Connection
+from softfuse.hardware.source.port import open_serial
 from softfuse.hardware.source.robotous_rft import RobotousRft
-from softfuse.hardware.source.serial_port import open_serial
 from softfuse.hardware.stream import HostClock
 from softfuse.robot.source import BotaSource, RobotousRftSource
 

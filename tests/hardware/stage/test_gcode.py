@@ -8,11 +8,10 @@ import time
 import pytest
 
 from softfuse.errors import HardwareError
-from softfuse.hardware.source.serial_port import open_serial
+from softfuse.hardware.source.port import open_serial
 from softfuse.hardware.stage import gcode
-from softfuse.hardware.stage.gcode import GcodeStage
+from softfuse.hardware.stage.gcode import GcodeStage, Workspace
 from softfuse.hardware.stage.grbl import ALARMS, Grbl
-from softfuse.hardware.stage.workspace import Workspace
 
 SETUP = {"grbl": ["G21", "G90", "G94"], "marlin": ["G21", "G90"]}
 
