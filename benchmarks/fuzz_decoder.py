@@ -29,8 +29,15 @@ from cobs import cobs
 from softfuse.hardware.source.text_lines import TextFormat, TextLines
 from softfuse.hardware.wire.decoder import Decoder
 from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
-from softfuse.hardware.wire.message import DescriptionMessage, Header, Message, SampleMessage, encode
-from softfuse.hardware.wire.packet import Unpacker, pack
+from softfuse.hardware.wire.message import (
+    DescriptionMessage,
+    Header,
+    Message,
+    SampleMessage,
+    Unpacker,
+    encode,
+    pack,
+)
 
 CHANNELS = 20
 POOL = 2000

@@ -25,8 +25,14 @@ from softfuse.hardware.doctor.findings import (
 from softfuse.hardware.source.listening import Heard
 from softfuse.hardware.source.port import SerialPort
 from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
-from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, TextMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.wire.message import (
+    DescriptionMessage,
+    Header,
+    SampleMessage,
+    TextMessage,
+    encode,
+    pack,
+)
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.robot.source import SoftfuseSource
 

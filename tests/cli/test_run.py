@@ -16,8 +16,7 @@ from softfuse.hardware.live.rerun_view import Picture, RerunView
 from softfuse.hardware.record.entries import EstimateEntry
 from softfuse.hardware.record.session_reader import Session, read_session
 from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
-from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode, pack
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz"

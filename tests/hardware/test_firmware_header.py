@@ -17,8 +17,8 @@ from softfuse.hardware.wire.message import (
     SampleMessage,
     TextMessage,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 
 FIRMWARE = Path(__file__).parents[2] / "scripts" / "firmware"
 HARNESS = Path(__file__).parent / "firmware" / "wire_harness.c"

@@ -22,8 +22,7 @@ from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.stream import Chunk, HostClock
 from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
-from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode, pack
 from softfuse.mechanics.solution import State
 from softfuse.sensors.status import Status
 

@@ -7,8 +7,7 @@ from softfuse.hardware.live.pipeline import Assembled, Pipeline
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.stream import Chunk
 from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
-from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode, pack
 
 START_S = 1.7e9
 

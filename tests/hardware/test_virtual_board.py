@@ -16,8 +16,8 @@ from softfuse.hardware.wire.message import (
     Header,
     SampleMessage,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 from softfuse.hardware.wire.sequence import SequenceCounts, SequenceWatch
 
 STEP_V = 3.3 / 4096

@@ -25,8 +25,7 @@ from softfuse.hardware.virtual.serving import (
 )
 from softfuse.hardware.wire.decoder import Decoder
 from softfuse.hardware.wire.description import Channel, Description, RawType
-from softfuse.hardware.wire.message import EVERY_DEVICE, AskMessage, Header, SampleMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.wire.message import EVERY_DEVICE, AskMessage, Header, SampleMessage, encode, pack
 from softfuse.hardware.wire.sequence import SequenceWatch
 
 ASK = pack(encode(AskMessage(Header(EVERY_DEVICE, 0, 0))))

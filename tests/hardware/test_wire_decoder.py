@@ -14,8 +14,8 @@ from softfuse.hardware.wire.message import (
     SampleMessage,
     TextMessage,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 
 
 def device_of(scale: float) -> Description:

@@ -13,8 +13,8 @@ from softfuse.hardware.wire.message import (
     TextMessage,
     decode,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 
 PAD = Description("pad", (Channel("f_V", RawType.U16, 0.5, -1.0),))
 """Device 7 of the specification's example."""

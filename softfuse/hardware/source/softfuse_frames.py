@@ -16,8 +16,8 @@ from softfuse.hardware.wire.message import (
     SampleMessage,
     TextMessage,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 
 ASK_AGAIN_S = 0.5
 """After so long a device is asked again [s]."""

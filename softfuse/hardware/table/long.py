@@ -6,7 +6,7 @@ before; its time is that of its last reading. What a frame has no reading of is 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -37,14 +37,18 @@ class Readings:
 
 
 @dataclass
-class Pivoted:
-    """Frames (m,) of c channels."""
+class Block:
+    """Some frames, m of them."""
 
     time_s: Float[np.ndarray, " m"]
     values: list[Float[np.ndarray, " m"]]
+    """(m,) of each channel, NaN where there is no number."""
     line: Int[np.ndarray, " m"]
-    """(m,) of its first reading."""
+    """(m,) in the file; of a frame of several readings that of the first."""
     malformed: Bool[np.ndarray, " m"]
+    """(m,) rows with fields that could not be read, too few or too many."""
+    labels: dict[int, Int[np.ndarray, " m"]] = field(default_factory=dict)
+    """Of channels that hold texts, by number: (m,) which of `Table.labels`, -1 where there is none."""
 
 
 class Pivot:
@@ -56,7 +60,7 @@ class Pivot:
         self._rest: Readings | None = None
         self._shared: bool | None = None
 
-    def add(self, readings: Readings) -> Pivoted:
+    def add(self, readings: Readings) -> Block:
         """The frames that end in the next readings."""
         known = readings.part(readings.channel >= 0)
         known = known if self._rest is None else known.after(self._rest)
@@ -68,7 +72,7 @@ class Pivot:
         self._rest = known.part(slice(last, None))
         return self._frames(known.part(slice(0, last)), np.cumsum(begins[:last]) - 1)
 
-    def end(self) -> Pivoted:
+    def end(self) -> Block:
         """The frame that was not ended."""
         rest = self._rest
         if rest is None:
@@ -84,7 +88,7 @@ class Pivot:
         again = known.channel[1:] <= known.channel[:-1]
         return np.concatenate([[True], later if self._shared else again])
 
-    def _frames(self, known: Readings, frame: Int[np.ndarray, " m"]) -> Pivoted:
+    def _frames(self, known: Readings, frame: Int[np.ndarray, " m"]) -> Block:
         n = int(frame[-1]) + 1 if len(frame) else 0
         table = np.full((self._channels, n), np.nan)
         table[known.channel, frame] = known.value
@@ -92,7 +96,7 @@ class Pivot:
         last = np.searchsorted(frame, np.arange(n), side="right") - 1
         malformed = np.zeros(n, bool)
         malformed[frame[known.malformed]] = True
-        return Pivoted(known.time_s[last], list(table), known.line[first], malformed)
+        return Block(known.time_s[last], list(table), known.line[first], malformed)
 
 
 def long_columns(
@@ -113,18 +117,8 @@ def long_columns(
 
 
 _IDS = frozenset(
-    (
-        "id",
-        "name",
-        "channel",
-        "channel_id",
-        "channel_name",
-        "ch",
-        "sensor",
-        "sensor_id",
-        "sensor_name",
-        "signal",
-    )
-    + ("signal_name", "topic", "key", "variable", "label", "tag", "source", "metric", "field", "series")
+    ("id", "name", "channel", "channel_id", "channel_name", "ch", "sensor", "sensor_id", "sensor_name")
+    + ("signal", "signal_name", "topic", "key", "variable", "label", "tag", "source", "metric", "field")
+    + ("series",)
 )
 _VALUES = frozenset(("value", "values", "val", "reading", "data", "measurement", "raw", "v", "y"))

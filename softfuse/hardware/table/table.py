@@ -2,19 +2,18 @@
 
 import logging
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from softfuse.errors import RecordingError
 from softfuse.hardware.table.blocks import TextBlocks
 from softfuse.hardware.table.dialect import Dialect, find_dialect
 from softfuse.hardware.table.form import TableForm, number
-from softfuse.hardware.table.long import Pivot, Readings, long_columns
+from softfuse.hardware.table.long import Block, Pivot, Readings, long_columns
 from softfuse.hardware.table.rows import RowReader, Rows
 from softfuse.hardware.table.time_column import find_time, time_column, time_name
 
@@ -22,20 +21,6 @@ logger = logging.getLogger(__name__)
 
 TIME = "time_s"
 _LISTED = 40
-
-
-@dataclass
-class Block:
-    """Some frames, m of them."""
-
-    time_s: Float[np.ndarray, " m"]
-    values: list[Float[np.ndarray, " m"]]
-    """(m,) of each channel, NaN where there is no number."""
-    line: Int[np.ndarray, " m"]
-    malformed: Bool[np.ndarray, " m"]
-    """(m,) rows with fields that could not be read, too few or too many."""
-    labels: dict[int, Int[np.ndarray, " m"]] = field(default_factory=dict)
-    """Of channels that hold texts, by number: (m,) which of `Table.labels`, -1 where there is none."""
 
 
 class Table:
@@ -219,10 +204,10 @@ class _Long:
                     "the channel %r, which first comes in line %d, is left out", name, rows.line[at][0]
                 )
         read = Readings(time, channel, rows.values[self._skipped + 1], rows.line, rows.malformed)
-        return Block(**vars(self._pivot.add(read)))
+        return self._pivot.add(read)
 
     def end(self) -> Block:
-        return Block(**vars(self._pivot.end()))
+        return self._pivot.end()
 
     def _name(self, text: str) -> str:
         return self._told.columns.get(text, text)

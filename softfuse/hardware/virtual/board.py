@@ -22,8 +22,8 @@ from softfuse.hardware.wire.message import (
     Message,
     SampleMessage,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 from softfuse.hardware.wire.sequence import MODULUS
 
 DESCRIBE_US = 1_000_000

@@ -17,10 +17,11 @@ from softfuse.hardware.wire.message import (
     VERSION,
     DescriptionMessage,
     Message,
+    PacketCounts,
     SampleMessage,
+    Unpacker,
     decode,
 )
-from softfuse.hardware.wire.packet import PacketCounts, Unpacker
 
 MOST_DEVICES = 64
 """Descriptions that are remembered; the one heard of longest ago goes first."""

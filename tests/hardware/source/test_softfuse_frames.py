@@ -12,8 +12,8 @@ from softfuse.hardware.wire.message import (
     SampleMessage,
     TextMessage,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 
 PAD = Layout(Description("pad", tuple(Channel(f"flow{k}_V", RawType.F32, 1.0, 0.0) for k in range(3))))
 OTHER = Layout(Description("pad", (Channel("row0", RawType.U16, 1.0, 0.0),)))

@@ -18,8 +18,7 @@ from softfuse.cli import main
 from softfuse.hardware.record.session_reader import read_session
 from softfuse.hardware.recording import Recording, read_recording
 from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
-from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode, pack
 from softfuse.robot.file import load
 
 ROOT = Path(__file__).parents[3]
