@@ -8,9 +8,8 @@ from pydantic import TypeAdapter
 
 from softfuse.errors import HardwareError, WireError
 from softfuse.hardware.source.ati_net_ft import AtiNetFt
-from softfuse.hardware.source.bota_serial import BotaSerial
 from softfuse.hardware.source.configured import connection_of, driver_of, open_port_of
-from softfuse.hardware.source.robotous_rft import RATES, RobotousRft
+from softfuse.hardware.source.serial_force_torque import RATES, BotaSerial, RobotousRft
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.source.text_lines import PRESETS, TextLines
 from softfuse.hardware.stream import HostClock

@@ -5,11 +5,10 @@ from collections.abc import Callable, Sequence
 from softfuse.errors import RecordingError
 from softfuse.hardware.record.entries import SourceInfo
 from softfuse.hardware.source.ati_net_ft import PORT, AtiNetFt
-from softfuse.hardware.source.bota_serial import BotaSerial
 from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.source.driver import AbstractDriver
 from softfuse.hardware.source.port import AbstractPort, open_serial, open_udp
-from softfuse.hardware.source.robotous_rft import RobotousRft
+from softfuse.hardware.source.serial_force_torque import BotaSerial, RobotousRft
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.source.text_lines import PRESETS, TextFormat, TextLines
 from softfuse.hardware.stream import Chunk, HostClock, Notice

@@ -9,10 +9,9 @@ import threading
 import numpy as np
 import pytest
 
-from softfuse.hardware.source.bota_serial import BotaSerial
 from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.source.port import open_serial
-from softfuse.hardware.source.robotous_rft import RobotousRft
+from softfuse.hardware.source.serial_force_torque import BotaSerial, RobotousRft
 from softfuse.hardware.stream import HostClock
 from softfuse.robot.source import BotaSource, RobotousRftSource
 
