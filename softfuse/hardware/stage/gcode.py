@@ -195,7 +195,7 @@ class GcodeStage:
             self._talk.send(self._dialect.hello)
             pause = monotonic() + HELLO_AGAIN_S
             while monotonic() < pause:
-                if any(self._dialect.greeted(line) for line in self._talk.lines()):
+                if any(heard.greeting for heard in self._talk.lines()):
                     # Answers to a hello before, and remarks.
                     self._talk.drain()
                     self._talk.trouble = None
