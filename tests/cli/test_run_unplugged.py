@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from served import Served
 
 from softfuse.experiment.programme import Programme
 from softfuse.hardware.record.session_reader import Session, read_session
@@ -13,7 +14,7 @@ from softfuse.hardware.virtual.board import VirtualBoard
 from softfuse.hardware.virtual.board_clock import BoardClock
 from softfuse.hardware.virtual.faults import FaultyLine, LineFaults, Outages
 from softfuse.hardware.virtual.ports import PseudoTerminal
-from softfuse.hardware.virtual.serving import VirtualDevice, VirtualPort, in_real_time
+from softfuse.hardware.virtual.serving import VirtualPort
 from softfuse.hardware.wire.description import Channel, Description, RawType
 from softfuse.report.live import LiveEstimates
 from softfuse.robot.file import load
@@ -58,7 +59,7 @@ def recorded(
         ):
             readings = np.tile(np.linspace(0.0, 600.0, 601)[:, None], len(names))
             ports.append(port_of(number, Programme(1.0, names, readings, {}), rate_Hz, drift))
-        device = VirtualDevice(ports, in_real_time, outages=Outages(AWAY_S, EVERY_S, powered))
+        device = Served(ports, outages=Outages(AWAY_S, EVERY_S, powered))
 
         built = LiveEstimates.built
 

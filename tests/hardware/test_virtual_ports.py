@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import serial
+from served import Served
 
 from softfuse.errors import HardwareError
 from softfuse.hardware.virtual.board import VirtualBoard
@@ -31,7 +32,7 @@ from softfuse.hardware.wire.sequence import SequenceWatch
 ASK = pack(encode(AskMessage(Header(EVERY_DEVICE, 0, 0))))
 OUTLETS = {"terminal": PseudoTerminal, "tcp": lambda: TcpPort(0)}
 
-Serve = Callable[..., VirtualDevice]
+Serve = Callable[..., Served]
 
 
 def read(time_s: np.ndarray) -> np.ndarray:
@@ -48,10 +49,10 @@ def port_of(*outlets: AbstractOutlet, number: int = 1, rate: float = 100.0) -> V
 @pytest.fixture
 def serve() -> Iterator[Serve]:
     """Serves ports, and stops in the end."""
-    served: list[VirtualDevice] = []
+    served: list[Served] = []
 
-    def start(*ports: VirtualPort, pace: Pace | None = None, **options) -> VirtualDevice:
-        device = VirtualDevice(ports, in_real_time if pace is None else pace, **options)
+    def start(*ports: VirtualPort, pace: Pace = in_real_time, outages: Outages | None = None) -> Served:
+        device = Served(ports, pace, outages=outages)
         served.append(device)
         device.start()
         return device
@@ -271,7 +272,7 @@ def test_a_link_does_not_replace_a_file(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("precious")
     port = port_of(PseudoTerminal(tmp_path / "mine"))
     with pytest.raises(HardwareError, match="not a link"):
-        VirtualDevice([port], in_real_time).start()
+        Served([port]).start()
     assert (tmp_path / "mine").read_text() == "precious"
 
 
@@ -289,7 +290,7 @@ def test_a_taken_port_is_told(serve: Serve) -> None:
     serve(first)
     number = int(first.urls[0].split(":")[-1])
     with pytest.raises(HardwareError, match=f"port {number}"):
-        VirtualDevice([port_of(PseudoTerminal(), TcpPort(number))], in_real_time).start()
+        Served([port_of(PseudoTerminal(), TcpPort(number))]).start()
 
 
 def test_it_listens_on_loopback_only(serve: Serve) -> None:

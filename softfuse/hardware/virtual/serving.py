@@ -171,7 +171,7 @@ def as_fast_as_read(ports: Sequence[VirtualPort], elapsed_s: float, stop: thread
 
 
 class VirtualDevice:
-    """Boards on ports, served until stopped; in this thread by `run`, or in one of its own by `start`."""
+    """Boards on ports, served until stopped."""
 
     def __init__(
         self,
@@ -184,9 +184,6 @@ class VirtualDevice:
         """`plugged` is called each time when the ports have appeared, from the serving thread."""
         self._ports, self._pace, self._outages, self._plugged = tuple(ports), pace, outages, plugged
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._guarded, name="softfuse virtual device", daemon=True)
-        self._opened = threading.Event()
-        self._failure: BaseException | None = None
 
     def run(self, for_s: float | None = None) -> None:
         """Open the ports and serve for so long, or until `stop`; then close them.
@@ -206,30 +203,9 @@ class VirtualDevice:
             for port in self._ports:
                 port.end()
 
-    def start(self) -> None:
-        """Serve in a thread of its own; returns when the ports are open. Raises HardwareError when they
-        cannot be.
-        """
-        self._thread.start()
-        self._opened.wait()
-        if self._failure is not None:
-            raise self._failure
-
     def stop(self) -> None:
-        """End serving, and wait for the thread where there is one; raises what that failed with."""
+        """End serving soon; from any thread."""
         self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join()
-        if self._failure is not None:
-            raise self._failure
-
-    def _guarded(self) -> None:
-        try:
-            self.run()
-        except BaseException as failure:
-            self._failure = failure
-        finally:
-            self._opened.set()
 
     def _mind_outages(self, elapsed_s: float) -> None:
         if self._outages is None:
@@ -247,5 +223,4 @@ class VirtualDevice:
             if restart:
                 # As fast as it is read, a board is ahead of the clock.
                 port.send(port.board.switch_on(max(elapsed_s, port.board.next_s)))
-        self._opened.set()
         self._plugged(self._ports)
