@@ -100,15 +100,6 @@ class DeviceClock:
         self._last_out = self._follow(step, jumped)
         return self._last_out
 
-    def at(self, time_us: int) -> float:
-        """The host's time [s] of a device's time [µs] by the present line, for samples that came late.
-
-        ValueError before the first sample.
-        """
-        if self._first_us is None:
-            raise ValueError("the clock has not been set: stamp a sample first")
-        return self._line((time_us - self._first_us) * 1e-6)
-
     @property
     def report(self) -> ClockReport:
         """Offset, drift and jitter so far."""

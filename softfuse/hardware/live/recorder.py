@@ -56,11 +56,6 @@ class Recorder:
         """Entries that are in no file."""
         return self._refused + self._missed
 
-    @property
-    def waiting(self) -> int:
-        """Entries that wait to be written."""
-        return self._queue.qsize()
-
     def put(self, entry: Entry) -> None:
         """Record an entry; waits for a disk that is behind but writing."""
         try:

@@ -63,14 +63,6 @@ class Picture:
     status: str
 
 
-@dataclass(frozen=True)
-class Server:
-    """Where the viewer is: `page` for a browser, `stream` for a viewer that is installed."""
-
-    page: str
-    stream: str
-
-
 class RerunView:
     """Shows pictures to whoever looks, and into a file."""
 
@@ -94,11 +86,13 @@ class RerunView:
         rr = _rerun()
         self._scene, self._scale = scene, force_scale_m_N
         self._server: subprocess.Popen[bytes] | None = None
-        self.server: Server | None = None
+        self.page: str | None = None
+        """Where a browser finds it, if it is served."""
         self._stream = rr.RecordingStream(f"softfuse {scene.name}")
+        served = []
         if serve:
-            self.server, self._server = _serve(bind, page_port, stream_port)
-        served = [rr.GrpcSink(self.server.stream)] if self.server else []
+            self.page, stream, self._server = _serve(bind, page_port, stream_port)
+            served = [rr.GrpcSink(stream)]
         saved = [rr.FileSink(str(save))] if save else []
         self._stream.set_sinks(*served, *saved, default_blueprint=_blueprint())
         self._log_scene()
@@ -222,8 +216,10 @@ def _blueprint() -> "rr.blueprint.Blueprint":
     return rrb.Blueprint(rrb.Horizontal(body, series, column_shares=(3, 2)), collapse_panels=True)
 
 
-def _serve(bind: str, page_port: int, stream_port: int) -> tuple[Server, "subprocess.Popen[bytes]"]:
-    """Start Rerun's server, which listens on one address only."""
+def _serve(bind: str, page_port: int, stream_port: int) -> tuple[str, str, "subprocess.Popen[bytes]"]:
+    """Start Rerun's server, which listens on one address only: where a browser finds the viewer, where one
+    that is installed finds the data, and the server.
+    """
     busy = f"the live view cannot listen on the ports {page_port} and {stream_port} of {bind}"
     shown = LOOPBACK if bind in ("0.0.0.0", "::") else bind
     if _listens(shown, page_port) or _listens(shown, stream_port):
@@ -237,7 +233,7 @@ def _serve(bind: str, page_port: int, stream_port: int) -> tuple[Server, "subpro
             end_viewer(process)
             raise HardwareError(f"{busy}: is the address one of this computer's?")
         time.sleep(0.05)
-    return Server(f"http://{shown}:{page_port}/?url={stream.replace('+', '%2B')}", stream), process
+    return f"http://{shown}:{page_port}/?url={stream.replace('+', '%2B')}", stream, process
 
 
 def _listens(address: str, port: int) -> bool:

@@ -40,12 +40,8 @@ class FrameQueue:
         self._length = length
         self._changed = threading.Condition()
         self._closed = False
-        self._dropped = 0
-
-    @property
-    def dropped(self) -> int:
+        self.dropped = 0
         """Frames that the estimator never saw."""
-        return self._dropped
 
     @property
     def waiting(self) -> int:
@@ -57,7 +53,7 @@ class FrameQueue:
         with self._changed:
             if len(self._frames) >= self._length:
                 self._frames.popleft()
-                self._dropped += 1
+                self.dropped += 1
             self._frames.append((number, frame))
             self._changed.notify()
 
@@ -85,23 +81,14 @@ class Latencies:
 
     def __init__(self) -> None:
         self._counts = np.zeros(_BINS, np.int64)
-        self._largest_s = 0.0
+        self.largest_s = 0.0
+        """The largest one [s]; 0 without any."""
 
     def add(self, seconds: float) -> None:
         """Count one; what is below 10 µs counts as that."""
         at = math.ceil(math.log(max(seconds, _LEAST_S) / _LEAST_S) / math.log(_RATIO))
         self._counts[min(at, _BINS - 1)] += 1
-        self._largest_s = max(self._largest_s, seconds)
-
-    @property
-    def count(self) -> int:
-        """How many there are."""
-        return int(self._counts.sum())
-
-    @property
-    def largest_s(self) -> float:
-        """The largest one [s]; 0 without any."""
-        return self._largest_s
+        self.largest_s = max(self.largest_s, seconds)
 
     def quantile_s(self, share: float) -> float:
         """The time [s] that a share of all is not above, rounded up by at most 2 %; NaN without any."""
@@ -109,7 +96,7 @@ class Latencies:
         if total == 0:
             return math.nan
         at = int(np.searchsorted(np.cumsum(self._counts), max(share * total, 1.0)))
-        return min(_LEAST_S * _RATIO**at, self._largest_s)
+        return min(_LEAST_S * _RATIO**at, self.largest_s)
 
 
 INBOX_LENGTH = 256

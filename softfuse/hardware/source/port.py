@@ -132,7 +132,6 @@ class _SerialPort(AbstractPort):
         port.timeout = WAIT_S if self._handle is None else 0
 
     def read(self) -> bytes:
-        """What has come, or b"" after WAIT_S."""
         with _os_errors():
             if self._handle is None:
                 first = self._port.read(1)
@@ -141,7 +140,6 @@ class _SerialPort(AbstractPort):
             return self._port.read(LARGEST_READ) if ready else b""
 
     def write(self, data: bytes) -> None:
-        """Send all of it."""
         import serial
 
         try:
@@ -151,7 +149,6 @@ class _SerialPort(AbstractPort):
             raise TimeoutError("the device takes no bytes") from error
 
     def close(self) -> None:
-        """Close it."""
         with suppress(OSError), _os_errors():
             self._port.close()
 
@@ -210,7 +207,6 @@ class _UdpPort(AbstractPort):
         self._way = way
 
     def read(self) -> bytes:
-        """The next datagram, or b"" after WAIT_S."""
         try:
             ready, _, _ = select.select([self._way], [], [], WAIT_S)
             return self._way.recv(LARGEST_READ) if ready else b""
@@ -222,12 +218,10 @@ class _UdpPort(AbstractPort):
             return b""
 
     def write(self, data: bytes) -> None:
-        """Send one datagram."""
         try:
             self._way.send(data)
         except (ConnectionRefusedError, BlockingIOError) as error:
             raise TimeoutError("the sensor takes no datagram") from error
 
     def close(self) -> None:
-        """Close it."""
         self._way.close()

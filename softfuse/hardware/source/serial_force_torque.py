@@ -110,7 +110,6 @@ class BotaSerial(AbstractDriver):
         self._wraps = 0
 
     def feed(self, data: bytes, host_s: float) -> list[Reading]:
-        """The readings that end in the next bytes, which came at host_s [s]; in order."""
         return [self._reading(frame, host_s) for frame in self._frames.feed(data)]
 
     def interrupted(self) -> None:
@@ -119,7 +118,6 @@ class BotaSerial(AbstractDriver):
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What became of the frames and of the bytes."""
         return {
             "samples": self._frames.found,
             "samples not valid": self._invalid,
@@ -202,7 +200,6 @@ class RobotousRft(AbstractDriver):
         self._samples = self._overloaded = 0
 
     def feed(self, data: bytes, host_s: float) -> list[Reading]:
-        """The readings that end in the next bytes, which came at host_s [s]; in order."""
         readings = []
         for frame in self._frames.feed(data):
             if frame[1] in (_ONCE, _START):
@@ -219,7 +216,6 @@ class RobotousRft(AbstractDriver):
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What became of the frames and of the bytes."""
         return {
             "samples": self._samples,
             "samples overloaded": self._overloaded,

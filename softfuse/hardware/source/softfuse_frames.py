@@ -35,7 +35,6 @@ class SoftfuseFrames(AbstractDriver):
         self._requests = b""
 
     def feed(self, data: bytes, host_s: float) -> list[Reading]:
-        """The readings that end in the next bytes, which came at host_s [s]; in order."""
         readings = []
         for received in self._decoder.feed(data, host_s):
             match received.message:
@@ -57,7 +56,6 @@ class SoftfuseFrames(AbstractDriver):
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What became of the packets and of the bytes."""
         counts = self._decoder.counts
         return {
             "samples": counts.samples - counts.undescribed,

@@ -166,7 +166,6 @@ class TextLines(AbstractDriver):
         }
 
     def feed(self, data: bytes, host_s: float) -> list[Reading]:
-        """The readings that end in the next bytes, which came at host_s [s]; in order."""
         *ended, begun = data.split(b"\n")
         readings: list[Reading] = []
         for piece in ended:
@@ -191,7 +190,6 @@ class TextLines(AbstractDriver):
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What became of the lines."""
         return self._counts | {"remarks left out": self._left_out}
 
     def _ordered(self, names: tuple[str, ...]) -> tuple[str, ...] | None:

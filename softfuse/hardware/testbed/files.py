@@ -2,8 +2,8 @@
 
 import os
 import time
-from collections.abc import Callable, Sequence
-from itertools import count
+from collections.abc import Callable, Iterator, Sequence
+from itertools import count, takewhile
 from pathlib import Path
 
 import numpy as np
@@ -115,7 +115,7 @@ class Outputs:
                 if _kind(path) == _TABLE:
                     self._tables.append(CsvRecording(path, info.channels))
                 else:
-                    path = _free(path)
+                    path = next(part for part in _numbered(path) if not part.exists())
                     self._recorders.append(Recorder(path, info, clock, tell))
                 self.files.append(path)
         except RecordingError:
@@ -155,7 +155,7 @@ def _columns(path: Path) -> list[dict[str, np.ndarray]]:
     if _kind(path) == _TABLE:
         empty = not path.exists() or not path.stat().st_size
         return [] if empty else [read_recording(path, LABELS).columns]
-    return [_session_columns(part) for part in _parts(path)]
+    return [_session_columns(part) for part in takewhile(Path.exists, _numbered(path))]
 
 
 def _session_columns(path: Path) -> dict[str, np.ndarray]:
@@ -171,18 +171,6 @@ def _session_columns(path: Path) -> dict[str, np.ndarray]:
     return dict(zip(LABELS, rows.T, strict=True))
 
 
-def _numbered(path: Path) -> map:
-    return map(lambda k: path if k == 1 else path.with_stem(f"{path.stem}-{k}"), count(1))
-
-
-def _parts(path: Path) -> list[Path]:
-    parts = []
-    for part in _numbered(path):
-        if not part.exists():
-            return parts
-        parts.append(part)
-    raise AssertionError
-
-
-def _free(path: Path) -> Path:
-    return next(part for part in _numbered(path) if not part.exists())
+def _numbered(path: Path) -> Iterator[Path]:
+    """The names that the files of a session may have, in order."""
+    return (path if k == 1 else path.with_stem(f"{path.stem}-{k}") for k in count(1))

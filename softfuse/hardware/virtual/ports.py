@@ -139,14 +139,12 @@ class PseudoTerminal(AbstractOutlet):
         return there
 
     def offer(self, packet):
-        """See AbstractOutlet."""
         master = self._master
         if master is None or not self.listened:
             return False
         return self._backlog.send(packet, lambda data: _written(master, data))
 
     def hear(self):
-        """See AbstractOutlet."""
         if self._master is None or not self._polled(self._master, 0.0) & select.POLLIN:
             return b""
         # The other end may be closed in between.
@@ -155,7 +153,6 @@ class PseudoTerminal(AbstractOutlet):
         return b""
 
     def wait(self, seconds):
-        """See AbstractOutlet."""
         if self._master is not None:
             self._polled(self._master, seconds, select.POLLOUT)
 
@@ -252,17 +249,14 @@ class TcpPort(AbstractOutlet):
         return self._client is not None
 
     def offer(self, packet):
-        """See AbstractOutlet."""
         return self.listened and self._backlog.send(packet, self._send)
 
     def hear(self):
-        """See AbstractOutlet."""
         self._look()
         heard, self._heard = self._heard, b""
         return heard
 
     def wait(self, seconds):
-        """See AbstractOutlet."""
         if self._client is not None:
             select.select([], [self._client], [], seconds)
 
