@@ -9,7 +9,7 @@ import pytest
 from served import Served
 
 from softfuse.experiment.programme import Programme
-from softfuse.hardware.record.session_reader import Session, read_session
+from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.virtual.board import VirtualBoard
 from softfuse.hardware.virtual.board_clock import BoardClock
 from softfuse.hardware.virtual.faults import FaultyLine, LineFaults, Outages
@@ -43,7 +43,7 @@ def powered(request: pytest.FixtureRequest) -> bool:
 @pytest.fixture(scope="module")
 def recorded(
     powered: bool, code_of: Callable[..., int], tmp_path_factory: pytest.TempPathFactory, coarse: Path
-) -> Session:
+) -> RecordedSession:
     """Two boards with clocks of their own; every channel says the true time [s] since they began."""
     settings = load(coarse)
     folder = tmp_path_factory.mktemp("session")
@@ -72,11 +72,11 @@ def recorded(
         urls = [argument for port in ports for argument in ("--port", port.urls[0])]
         assert code_of("run", coarse, *urls, "--record", "s.mcap", "--for", LENGTH_S) == 0
         device.stop()
-    return read_session(folder / "s.mcap")
+    return RecordedSession(folder / "s.mcap")
 
 
 @pytest.fixture(scope="module")
-def frames(recorded: Session) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def frames(recorded: RecordedSession) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time [s] of each frame, and what an electrode and a flow of it say [s], NaN where nothing."""
     found = [*recorded.frames()]
     columns = [recorded.info.channels.index(name) for name in ("row0", "flow0_V")]
@@ -107,7 +107,7 @@ def test_both_boards_are_on_one_clock(frames: tuple[np.ndarray, ...]) -> None:
 
 
 def test_every_outage_and_every_lost_sample_is_recorded(
-    recorded: Session, powered: bool, frames: tuple[np.ndarray, ...]
+    recorded: RecordedSession, powered: bool, frames: tuple[np.ndarray, ...]
 ) -> None:
     told = [notice for notice in recorded.notices()]
     for source in (0, 1):

@@ -16,7 +16,7 @@ from softfuse.estimation.stream import Estimate
 from softfuse.estimation.tracked import Frame
 from softfuse.hardware.live.pipeline import Assembled, Pipeline
 from softfuse.hardware.live.session import Estimating, Fields, Published
-from softfuse.hardware.record.session_reader import Session as RecordedSession
+from softfuse.hardware.record.session_reader import RecordedSession
 
 
 @dataclass(frozen=True)

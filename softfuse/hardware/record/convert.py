@@ -19,7 +19,7 @@ from softfuse.hardware.record.frame_table import (
     write_parquet,
     write_parquet_estimates,
 )
-from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.record.session_writer import SessionWriter
 from softfuse.hardware.table.form import FOUND, TableForm
 from softfuse.io.result_folder import put_in_place
@@ -53,7 +53,7 @@ def convert_estimates(source: Path, target: Path, *, overwrite: bool = False) ->
     """
     if suffix(source) != SESSION or suffix(target) == SESSION:
         raise RecordingError(f"estimates are taken out of a {SESSION} into .csv, .csv.gz or .parquet")
-    session = read_session(source)
+    session = RecordedSession(source)
     kinds = dict(session.info.estimates)
     if not kinds:
         raise RecordingError(f"{source} holds no estimates")
@@ -80,7 +80,7 @@ def suffix(path: Path) -> str:
 
 
 def _read_session(path: Path) -> FrameTable:
-    session = read_session(path)
+    session = RecordedSession(path)
     info = session.info
     return FrameTable(path, info.channels, session.frames(), device=info.device, started=info.started)
 
@@ -95,7 +95,7 @@ def _write_session(path: Path, table: FrameTable) -> int:
     count = 0
     with SessionWriter(path, info) as writer:
         for frame in table.frames:
-            writer.frame(frame)
+            writer.add(frame)
             count += 1
     return count
 

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.errors import RecordingError
-from softfuse.hardware.stream import Level, Notice
+from softfuse.hardware.stream import Chunk, Level, Notice
 
 Kind = Literal["number", "string"]
 FRAME_FIELDS = ("index", "time_s")
@@ -62,6 +62,10 @@ class EstimateEntry:
     """So many frames, the last of which is `frame`, went in since the estimate before; earlier ones that did
     not were overrun. None where unknown: all.
     """
+
+
+Entry = Chunk | FrameEntry | EstimateEntry | Notice
+"""What a session is made of."""
 
 
 @dataclass(frozen=True)

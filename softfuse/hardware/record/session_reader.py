@@ -9,6 +9,7 @@ from typing import BinaryIO, TypeVar
 
 from softfuse.errors import RecordingError
 from softfuse.hardware.record.entries import (
+    Entry,
     EstimateEntry,
     EstimateFormat,
     FrameEntry,
@@ -36,7 +37,6 @@ from softfuse.hardware.stream import Chunk, Notice
 logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
-Entry = Chunk | FrameEntry | EstimateEntry | Notice
 Reader = Callable[[RawMessage], T]
 _HEADER, _FOOTER, _CHANNEL, _MESSAGE, _CHUNK = 0x01, 0x02, 0x04, 0x05, 0x06
 _ATTACHMENT, _METADATA, _DATA_END = 0x09, 0x0C, 0x0F
@@ -45,11 +45,14 @@ _BYTES_TOPIC = re.compile(r"/source/(0|[1-9][0-9]{0,3})/bytes", re.ASCII)
 _JSON, _RAW = "json", "application/octet-stream"
 
 
-class Session:
+class RecordedSession:
     """A session on disk. Its entries are read anew from the file each time that they are asked for."""
 
     def __init__(self, path: str | Path) -> None:
-        """Look through a file; RecordingError when it cannot be opened or is no session."""
+        """Look through a file; one that was cut, anywhere, is read as far as it goes.
+
+        Raises RecordingError when it cannot be opened, is no MCAP file, or was not written by softfuse.
+        """
         self.path = Path(path)
         self.unreadable = 0
         """Chunks and entries that could not be read so far, because they are damaged."""
@@ -246,15 +249,6 @@ class Session:
             raise RecordingError(f"{count[:40]!r} is no number of sources")
         found = (self._metadata.get(f"source/{k}", {}) for k in range(int(count)))
         return tuple(SourceInfo(about.get("url", ""), about.get("driver", "")) for about in found)
-
-
-def read_session(path: str | Path) -> Session:
-    """The session in a file.
-
-    Raises: RecordingError when the file cannot be opened, is no MCAP file, or was not written by softfuse. A
-    file that was cut, anywhere, is read as far as it goes.
-    """
-    return Session(path)
 
 
 def _seconds(message: RawMessage) -> float:

@@ -12,7 +12,7 @@ from softfuse.errors import RecordingError
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.record.entries import FrameEntry, SessionInfo
 from softfuse.hardware.record.frame_table import csv_field, csv_header
-from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.recording import read_recording
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 from softfuse.hardware.testbed.places import LABELS, Point, next_press, pressed, remaining
@@ -159,7 +159,7 @@ def _columns(path: Path) -> list[dict[str, np.ndarray]]:
 
 
 def _session_columns(path: Path) -> dict[str, np.ndarray]:
-    session = read_session(path)
+    session = RecordedSession(path)
     channels = session.info.channels
     lacking = [name for name in LABELS if name not in channels]
     if lacking:
