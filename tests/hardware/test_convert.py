@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softfuse.errors import RecordingError
-from softfuse.hardware.record import frame_table
+from softfuse.hardware.record import convert
 from softfuse.hardware.record.convert import convert_estimates, convert_frames
 from softfuse.hardware.record.entries import EstimateEntry, FrameEntry, SessionInfo, SourceInfo
 from softfuse.hardware.record.session_reader import RecordedSession
@@ -130,7 +130,7 @@ def test_parquet_holds_floats_with_nulls_compressed_by_zstd(tmp_path):
 
 
 def test_tables_longer_than_a_batch_stay_in_order(tmp_path, monkeypatch):
-    monkeypatch.setattr(frame_table, "_CELLS", 40)
+    monkeypatch.setattr(convert, "_CELLS", 40)
     rows = [[0.01 * i, float(i), -float(i)] for i in range(95)]
     convert_frames(session(tmp_path / "a.mcap", rows), tmp_path / "b.parquet")
     convert_frames(tmp_path / "b.parquet", tmp_path / "c.mcap")

@@ -18,6 +18,10 @@ MOST_REMARKS = 10
 LONGEST_REMARK = 500
 """Characters of a notice."""
 
+NEAR_WRAP_US = 60e6
+"""A counter that was so near to its end, and is so near to its beginning, has wrapped [µs]."""
+_COUNTER = 2**32
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Reading:
@@ -35,6 +39,26 @@ class Reading:
     """Of the channels, as the columns of a recording, each with its unit at the end."""
     values: Float[np.ndarray, " n"]
     """(n,) in the units of the names, NaN where not read."""
+
+
+@dataclass
+class CounterTime:
+    """A device's time, carried on over the wraps of a counter of 32 bits; one that restarted begins anew."""
+
+    microseconds: float = 1.0
+    """Of each count; one of a second or more does not wrap."""
+    last: float = 0.0
+    wraps: int = 0
+
+    def carried(self, raw: float) -> int:
+        """The time [µs] that the counter's next value stands for."""
+        near = NEAR_WRAP_US / self.microseconds
+        if self.microseconds < 1e6 and _COUNTER - near < self.last < _COUNTER and raw < near:
+            self.wraps += 1
+        elif raw < self.last:
+            self.wraps = 0
+        self.last = raw
+        return round((raw + self.wraps * _COUNTER) * self.microseconds)
 
 
 class AbstractDriver(ABC):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from fastcrc import crc16
 
-from softfuse.hardware.source.driver import AbstractDriver, Reading
+from softfuse.hardware.source.driver import AbstractDriver, CounterTime, Reading
 from softfuse.robot.source import BotaSource, RobotousRftSource
 
 
@@ -77,8 +77,6 @@ _MEANINGS = {
     2: "its values are not valid: unload it, and have it checked if that does not help",
     3: "its values are raw: switch the calibration on in its settings",
 }
-_WRAP = 2**32
-_NEAR_WRAP = 60_000_000
 
 
 class BotaSerial(AbstractDriver):
@@ -106,8 +104,7 @@ class BotaSerial(AbstractDriver):
         self._frames = FixedFrames(0xAA, _BOTA_FRAME.size, _whole_bota)
         self._status = 0
         self._invalid = 0
-        self._last = 0
-        self._wraps = 0
+        self._time = CounterTime()
 
     def feed(self, data: bytes, host_s: float) -> list[Reading]:
         return [self._reading(frame, host_s) for frame in self._frames.feed(data)]
@@ -134,7 +131,7 @@ class BotaSerial(AbstractDriver):
         if status & _INVALID:
             self._invalid += 1
             values[:] = np.nan
-        return Reading(0, None, self._carried(time_us), host_s, self._names, values)
+        return Reading(0, None, self._time.carried(time_us), host_s, self._names, values)
 
     def _tell(self, status: int, host_s: float) -> None:
         if status == self._status:
@@ -145,14 +142,6 @@ class BotaSerial(AbstractDriver):
             self._remark(host_s, "warning", f"the sensor says that {'; '.join(told)}")
         elif not status:
             self._remark(host_s, "info", "the sensor's status is healthy again")
-
-    def _carried(self, time_us: int) -> int:
-        """The time, carried on over the wraps of 32 bits; a sensor that restarted begins anew."""
-        if time_us < self._last:
-            near = self._last > _WRAP - _NEAR_WRAP and time_us < _NEAR_WRAP
-            self._wraps = self._wraps + 1 if near else 0
-        self._last = time_us
-        return time_us + self._wraps * _WRAP
 
 
 def _whole_bota(frame: bytes) -> bool:

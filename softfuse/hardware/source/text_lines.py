@@ -46,7 +46,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softfuse.errors import WireError
-from softfuse.hardware.source.driver import AbstractDriver, Reading
+from softfuse.hardware.source.driver import AbstractDriver, CounterTime, Reading
 from softfuse.hardware.table.form import number
 from softfuse.hardware.wire.description import Channel, Description, RawType
 
@@ -54,8 +54,6 @@ LONGEST_LINE = 16384
 """Bytes of the longest line, without its end."""
 SEPARATORS = (",", ";", "\t", " ", ":", "|")
 _MICROSECONDS = {"_us": 1.0, "_ms": 1e3, "_s": 1e6}
-_COUNTER = 2.0**32
-_NEAR_WRAP_US = 60e6
 _LATEST_US = 2.0**53
 
 
@@ -107,24 +105,6 @@ PRESETS: Mapping[str, TextFormat] = {
 """What well-known example sketches print, by name."""
 
 
-@dataclass
-class _Time:
-    """The board's time, carried on over the wraps of a 32 bit counter."""
-
-    microseconds: float
-    last: float = 0.0
-    wraps: int = 0
-
-    def carried(self, raw: float) -> int:
-        near = _NEAR_WRAP_US / self.microseconds
-        if self.microseconds < 1e6 and _COUNTER - near < self.last < _COUNTER and raw < near:
-            self.wraps += 1
-        elif raw < self.last:
-            self.wraps = 0
-        self.last = raw
-        return round((raw + self.wraps * _COUNTER) * self.microseconds)
-
-
 class TextLines(AbstractDriver):
     """One board that prints lines."""
 
@@ -146,7 +126,7 @@ class TextLines(AbstractDriver):
             what = f"lack {missing[0]!r}" if missing else "name one twice"
             raise WireError(f"the columns {', '.join(form.columns)} {what}")
         self._columns = form.columns
-        self._time = _Time(form.microseconds)
+        self._time = CounterTime(form.microseconds)
         self._partial = bytearray()
         self._too_long = self._whole = False
         self._sequence = 0

@@ -10,8 +10,8 @@ import numpy as np
 
 from softfuse.errors import RecordingError
 from softfuse.hardware.live.recorder import Recorder
+from softfuse.hardware.record.convert import csv_field, csv_header
 from softfuse.hardware.record.entries import FrameEntry, SessionInfo
-from softfuse.hardware.record.frame_table import csv_field, csv_header
 from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.recording import read_recording
 from softfuse.hardware.stream import Chunk, HostClock, Notice
