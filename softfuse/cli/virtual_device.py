@@ -16,7 +16,7 @@ from softfuse.cli.terminal import say
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.performance import shown
 from softfuse.hardware.stream import HostClock
-from softfuse.hardware.virtual.board_clock import BoardClock
+from softfuse.hardware.virtual.board import BoardClock
 from softfuse.hardware.virtual.boards import BoardChannels, TruthFile, boards_of, line_seed
 from softfuse.hardware.virtual.faults import HELP, FaultyLine, parse_faults
 from softfuse.hardware.virtual.ports import outlets_of

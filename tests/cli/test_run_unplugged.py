@@ -10,8 +10,7 @@ from served import Served
 
 from softfuse.experiment.programme import Programme
 from softfuse.hardware.record.session_reader import RecordedSession
-from softfuse.hardware.virtual.board import VirtualBoard
-from softfuse.hardware.virtual.board_clock import BoardClock
+from softfuse.hardware.virtual.board import BoardClock, VirtualBoard
 from softfuse.hardware.virtual.faults import FaultyLine, LineFaults, Outages
 from softfuse.hardware.virtual.ports import PseudoTerminal
 from softfuse.hardware.virtual.serving import VirtualPort

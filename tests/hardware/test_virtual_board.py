@@ -5,9 +5,8 @@ import pytest
 
 from softfuse.errors import HardwareError
 from softfuse.hardware.device_clock import DeviceClock
-from softfuse.hardware.virtual.board import VirtualBoard
-from softfuse.hardware.virtual.board_clock import BoardClock
-from softfuse.hardware.virtual.faults import DeadSensor, FaultyLine, LineFaults, SensorFaults
+from softfuse.hardware.virtual.board import BoardClock, DeadSensor, SensorFaults, VirtualBoard
+from softfuse.hardware.virtual.faults import FaultyLine, LineFaults
 from softfuse.hardware.wire.decoder import Decoder, Received
 from softfuse.hardware.wire.description import Channel, Description, RawType
 from softfuse.hardware.wire.message import (

@@ -5,14 +5,8 @@ from dataclasses import replace
 import pytest
 
 from softfuse.errors import SoftfuseError
-from softfuse.hardware.virtual.faults import (
-    DeadSensor,
-    Faults,
-    LineFaults,
-    Outages,
-    SensorFaults,
-    parse_faults,
-)
+from softfuse.hardware.virtual.board import DeadSensor, SensorFaults
+from softfuse.hardware.virtual.faults import Faults, LineFaults, Outages, parse_faults
 
 NAMES = ("row3", "flow1_V")
 

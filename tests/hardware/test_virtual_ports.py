@@ -13,8 +13,7 @@ import serial
 from served import Served
 
 from softfuse.errors import HardwareError
-from softfuse.hardware.virtual.board import VirtualBoard
-from softfuse.hardware.virtual.board_clock import BoardClock
+from softfuse.hardware.virtual.board import BoardClock, VirtualBoard
 from softfuse.hardware.virtual.faults import FaultyLine, LineFaults, Outages
 from softfuse.hardware.virtual.ports import AbstractOutlet, PseudoTerminal, TcpPort
 from softfuse.hardware.virtual.serving import (

@@ -1,7 +1,9 @@
 """A board that samples its sensors and speaks the wire protocol: from true time to packets, without any I/O.
 
 It describes itself at power-on, every second of its own time and when asked; samples carry its own time and a
-sequence number that also counts those that are lost.
+sequence number that also counts those that are lost. Before a sample is packed it may be lost, then it is not
+sent; and sensors die: a silent channel is no longer read (NaN on the host), a stuck one repeats what it read
+last.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.hardware.virtual.board_clock import BoardClock
-from softfuse.hardware.virtual.faults import NO_FAULTS, FaultySensors, SensorFaults
+from softfuse.errors import HardwareError
 from softfuse.hardware.wire.decoder import Decoder
 from softfuse.hardware.wire.description import Description, Layout
 from softfuse.hardware.wire.message import (
@@ -26,6 +27,8 @@ from softfuse.hardware.wire.message import (
 )
 from softfuse.hardware.wire.sequence import MODULUS
 
+LARGEST_DRIFT_PPM = 50_000.0
+
 DESCRIBE_US = 1_000_000
 """Time between descriptions [µs]."""
 
@@ -34,6 +37,103 @@ MOST_AT_ONCE = 256
 
 Read = Callable[[Float[np.ndarray, " m"]], Float[np.ndarray, "m k"]]
 """Values (m, k) of a board's channels at true times (m,) s, which increase from call to call."""
+
+
+@dataclass(frozen=True)
+class BoardClock:
+    """A board's own clock, which starts anywhere and runs too fast or too slowly: device time = start + (1 +
+    d) t for true time t since power-on and drift d. A sample is taken whenever it has gone on by a period.
+
+    Samples per second of its own time, at most one a microsecond; its time [µs] at power-on; its drift
+    [ppm], positive where it is fast.
+    """
+
+    rate_Hz: float
+    start_us: int = 0
+    drift_ppm: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 1.0 <= self.rate_Hz <= 1e5:
+            raise HardwareError(f"{self.rate_Hz:g} samples per second: give a rate from 1 to 100000 Hz")
+        if not abs(self.drift_ppm) <= LARGEST_DRIFT_PPM:
+            raise HardwareError(
+                f"a clock that is off by {self.drift_ppm:g} ppm: give at most {LARGEST_DRIFT_PPM:g}"
+            )
+
+    def device_us(self, sample: int) -> int:
+        """Its time [µs] at a sample, counted from power-on."""
+        return self.start_us + round(sample * 1e6 / self.rate_Hz)
+
+    def true_s(self, sample: int) -> float:
+        """True time [s] since power-on at a sample."""
+        return sample / (self.rate_Hz * (1.0 + 1e-6 * self.drift_ppm))
+
+    def due(self, true_s: float) -> int:
+        """Samples that are due at a true time [s] since power-on, the one at power-on included."""
+        if true_s < 0.0:
+            return 0
+        count = int(true_s * self.rate_Hz * (1.0 + 1e-6 * self.drift_ppm)) + 1
+        # Rounding must not let a sample be due before its time, or forget one that is.
+        while self.true_s(count - 1) > true_s:
+            count -= 1
+        while self.true_s(count) <= true_s:
+            count += 1
+        return count
+
+
+@dataclass(frozen=True)
+class DeadSensor:
+    """A channel that is silent, or else stuck, from a true time [s]."""
+
+    channel: str
+    from_s: float
+    silent: bool
+
+
+@dataclass(frozen=True)
+class SensorFaults:
+    """Share of samples that are lost [-], and sensors that die."""
+
+    lost: float = 0.0
+    dead: tuple[DeadSensor, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.lost < 1.0:
+            raise HardwareError(f"a share of {self.lost:g} of the samples cannot be lost: give 0 to below 1")
+
+
+NO_FAULTS = SensorFaults()
+"""Nothing goes wrong."""
+
+
+class FaultySensors:
+    """Applies faults to the samples of one board; the same seed loses the same samples."""
+
+    def __init__(self, names: Sequence[str], faults: SensorFaults, seed: Sequence[int]) -> None:
+        """names: the board's channels; faults of other boards' channels are left out."""
+        self._lost = faults.lost
+        self._rng = np.random.default_rng(np.random.SeedSequence(list(seed)))
+        self._dead = [
+            (list(names).index(dead.channel), dead) for dead in faults.dead if dead.channel in names
+        ]
+        self._last: dict[int, float] = {}
+
+    def spoil(self, time_s: Float[np.ndarray, " m"], values: Float[np.ndarray, "m k"]) -> None:
+        """Change the values (m, k) of samples taken at true times (m,) s in place."""
+        for column, dead in self._dead:
+            gone = time_s >= dead.from_s
+            if dead.silent:
+                values[gone, column] = np.nan
+            else:
+                if not gone.all():
+                    self._last[column] = float(values[~gone, column][-1])
+                values[gone, column] = self._last.setdefault(column, float(values[0, column]))
+
+    def lose(self, count: int) -> Float[np.ndarray, " m"]:
+        """Which of the next samples (m,) are lost."""
+        if self._lost == 0.0:
+            return np.zeros(count, bool)
+        return self._rng.random(count) < self._lost
 
 
 @dataclass

@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.errors import RecordingError
-from softfuse.hardware.virtual.board import Read, VirtualBoard
-from softfuse.hardware.virtual.board_clock import BoardClock
+from softfuse.hardware.virtual.board import BoardClock, Read, VirtualBoard
 from softfuse.hardware.virtual.faults import Faults
 from softfuse.hardware.wire.description import Channel, Description, RawType
 from softfuse.sensors.electronics import ChannelElectronics, Converter
