@@ -14,8 +14,8 @@ from softfuse.errors import RecordingError
 from softfuse.hardware.record.convert import convert_frames
 from softfuse.hardware.recording import Recording, read_recording
 from softfuse.hardware.table import rows
+from softfuse.hardware.table.dialect import time_name
 from softfuse.hardware.table.form import TableForm
-from softfuse.hardware.table.time_column import time_name
 
 N = 12
 TIME = np.arange(N) / 100

@@ -6,10 +6,12 @@ before; its time is that of its last reading. What a frame has no reading of is 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+
+from softfuse.hardware.table.rows import Block
 
 _SHARED = 1.5
 """Readings per time, from which on times are shared."""
@@ -34,21 +36,6 @@ class Readings:
     def part(self, at: slice | Bool[np.ndarray, " m"]) -> "Readings":
         """Some of them."""
         return Readings(**{name: values[at] for name, values in vars(self).items()})
-
-
-@dataclass
-class Block:
-    """Some frames, m of them."""
-
-    time_s: Float[np.ndarray, " m"]
-    values: list[Float[np.ndarray, " m"]]
-    """(m,) of each channel, NaN where there is no number."""
-    line: Int[np.ndarray, " m"]
-    """(m,) in the file; of a frame of several readings that of the first."""
-    malformed: Bool[np.ndarray, " m"]
-    """(m,) rows with fields that could not be read, too few or too many."""
-    labels: dict[int, Int[np.ndarray, " m"]] = field(default_factory=dict)
-    """Of channels that hold texts, by number: (m,) which of `Table.labels`, -1 where there is none."""
 
 
 class Pivot:

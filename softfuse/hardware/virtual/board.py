@@ -41,8 +41,11 @@ Read = Callable[[Float[np.ndarray, " m"]], Float[np.ndarray, "m k"]]
 
 @dataclass(frozen=True)
 class BoardClock:
-    """A board's own clock, which starts anywhere and runs too fast or too slowly: device time = start + (1 +
-    d) t for true time t since power-on and drift d. A sample is taken whenever it has gone on by a period.
+    """A board's own clock, which starts anywhere and runs too fast or too slowly.
+
+        device time = start + (1 + d) t
+
+    for true time t since power-on and drift d; a sample is taken whenever it has gone on by a period.
 
     Samples per second of its own time, at most one a microsecond; its time [µs] at power-on; its drift
     [ppm], positive where it is fast.
