@@ -6,7 +6,7 @@ an interruption by people included, is followed by a retreat straight up, and by
 """
 
 import threading
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -72,7 +72,7 @@ class Bench:
         self._origin = np.array(origin)
         self._samples: list[tuple[float, float]] = []
 
-    def press(self, places: Sequence[Point], first: int, remark: Callable[[str], None]) -> Iterator[Pressed]:
+    def press(self, places: Sequence[Point], first: int) -> Iterator[Pressed]:
         """Press the places [m] in order, numbered from `first`; each when it is done.
 
         HardwareError for whatever is not as it should be, after the retreat.
@@ -82,15 +82,15 @@ class Bench:
         for number, at in enumerate(places, start=first):
             self._samples = []
             self._gathering.relabel(press=number, at=at)
-            self._press(at, remark)
+            self._press(at)
             yield Pressed(number, at, tuple(self._samples))
 
-    def _press(self, at: Point, remark: Callable[[str], None]) -> None:
+    def _press(self, at: Point) -> None:
         actions = press(self._settings, *at, self._here())
         watch = _Watch(self._stage, self._gathering, self._settings.force_limit)
         watch.start()
         try:
-            self._carry_out(actions, at, watch, remark)
+            self._carry_out(actions, at, watch)
         except KeyboardInterrupt:
             # The stage may still be moving.
             watch.end()
@@ -100,19 +100,13 @@ class Bench:
         finally:
             watch.end()
 
-    def _carry_out(
-        self,
-        actions: Generator[Action, Seen, None],
-        at: Point,
-        watch: "_Watch",
-        remark: Callable[[str], None],
-    ) -> None:
+    def _carry_out(self, actions: Generator[Action, Seen, None], at: Point, watch: "_Watch") -> None:
         """Do all actions of the press at a place; HardwareError after a retreat where something is wrong."""
         try:
             with suppress(StopIteration):
                 action = next(actions)
                 while True:
-                    seen = self._done(action, watch, remark)
+                    seen = self._done(action, watch)
                     watch.check()
                     action = actions.send(seen)
         except HardwareError as error:
@@ -136,7 +130,7 @@ class Bench:
                 f"{trouble}; and the retreat failed, lift the stage by hand: {error}"
             ) from error
 
-    def _done(self, action: Action, watch: "_Watch", remark: Callable[[str], None]) -> Seen:
+    def _done(self, action: Action, watch: "_Watch") -> Seen:
         """Do an action."""
         gathering, force = self._gathering, np.nan
         match action:
@@ -158,7 +152,7 @@ class Bench:
                 gathering.mark(level, force)
                 depth = -self._stood().height
                 self._samples.append((force, depth))
-                remark(
+                gathering.remark(
                     f"press {gathering.label.press}, level {level}: {force:.2f} N, {1e3 * depth:.2f} mm deep"
                 )
         return Seen(self._stood().height, force)
