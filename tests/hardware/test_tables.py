@@ -262,8 +262,8 @@ def test_blocks_and_damages_do_not_matter(tmp_path, monkeypatch):
     good = ~whole.malformed
     np.testing.assert_array_equal(whole.matrix(["a", "b", "c"])[good], values[good])
     assert whole.line.tolist() == list(range(2, 5002))
-    monkeypatch.setattr("softfuse.hardware.table.blocks.HEAD", 1000)
-    monkeypatch.setattr("softfuse.hardware.table.blocks.BLOCK", 3000)
+    monkeypatch.setattr("softfuse.hardware.table.rows.HEAD", 1000)
+    monkeypatch.setattr("softfuse.hardware.table.rows.BLOCK", 3000)
     parts = read_recording(path, ["a", "b", "c"])
     np.testing.assert_array_equal(parts.matrix(["a", "b", "c"]), whole.matrix(["a", "b", "c"]))
     np.testing.assert_array_equal(parts.malformed, whole.malformed)

@@ -10,11 +10,10 @@ import numpy as np
 from jaxtyping import Int
 
 from softfuse.errors import RecordingError
-from softfuse.hardware.table.blocks import TextBlocks
 from softfuse.hardware.table.dialect import Dialect, find_dialect, find_time, time_column, time_name
 from softfuse.hardware.table.form import TableForm, number
 from softfuse.hardware.table.long import Pivot, Readings, long_columns
-from softfuse.hardware.table.rows import Block, RowReader
+from softfuse.hardware.table.rows import Block, RowReader, TextBlocks
 
 logger = logging.getLogger(__name__)
 
