@@ -41,7 +41,7 @@ MAGIC = b"\x89MCAP0\r\n"
 LARGEST_RECORD = 1 << 26
 """Bytes of the largest chunk, unpacked, or attachment that is read."""
 _HEAD = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<HIQQ")
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
 
 
 class DamagedRecord(ValueError):
@@ -116,10 +116,10 @@ def chunk_records(data: bytes) -> Iterator[tuple[int, memoryview]]:
 
 def raw_message(data: bytes | memoryview) -> RawMessage:
     """The message in a record's content; DamagedRecord when it is too short."""
-    if len(data) < _MESSAGE.size:
+    if len(data) < _MESSAGE_HEAD.size:
         raise DamagedRecord("a message is shorter than its head")
-    channel, _, log_ns, _ = _MESSAGE.unpack_from(data)
-    return RawMessage(channel, log_ns, bytes(data[_MESSAGE.size :]))
+    channel, _, log_ns, _ = _MESSAGE_HEAD.unpack_from(data)
+    return RawMessage(channel, log_ns, bytes(data[_MESSAGE_HEAD.size :]))
 
 
 def _unpacked(data: bytes) -> bytes:
