@@ -29,19 +29,16 @@ def check_ports(ports: Sequence[SerialPort]) -> list[Finding]:
         return [
             Finding("ports", "note", "there is no serial port", "plug a device in if there should be one")
         ]
-    return [_port(port) for port in ports]
-
-
-def _port(port: SerialPort) -> Finding:
-    said = port.description or "a serial port"
-    if port.allowed:
-        return Finding(port.name, "ok", f"{said}; not opened, --port {port.name} listens to it")
-    return Finding(
-        port.name,
-        "note",
-        f"{said}; this user may not open it",
-        "add yourself to the group that owns it (sudo usermod -aG dialout $USER under most Linuxes)",
-    )
+    group = "add yourself to the group that owns it (sudo usermod -aG dialout $USER under most Linuxes)"
+    findings = []
+    for port in ports:
+        said = port.description or "a serial port"
+        if port.allowed:
+            told = f"{said}; not opened, --port {port.name} listens to it"
+            findings.append(Finding(port.name, "ok", told))
+        else:
+            findings.append(Finding(port.name, "note", f"{said}; this user may not open it", group))
+    return findings
 
 
 class _Ear:

@@ -7,7 +7,7 @@ counted, and the host asks for the description.
 from collections.abc import Mapping
 
 from softfuse.hardware.source.driver import AbstractDriver, Reading
-from softfuse.hardware.wire.decoder import MOST_DEVICES, Decoder, Received
+from softfuse.hardware.wire.decoder import MOST_DEVICES, Decoder
 from softfuse.hardware.wire.message import (
     EVERY_DEVICE,
     AskMessage,
@@ -39,7 +39,8 @@ class SoftfuseFrames(AbstractDriver):
         for received in self._decoder.feed(data, host_s):
             match received.message:
                 case SampleMessage(header=header) if received.values is not None:
-                    readings.append(self._reading(received, header))
+                    number, time_us, names = header.sequence, header.time_us, self._names[header.device]
+                    readings.append(Reading(header.device, number, time_us, host_s, names, received.values))
                 case SampleMessage(header=header):
                     self._ask(header.device, host_s)
                 case DescriptionMessage() as message:
@@ -79,17 +80,6 @@ class SoftfuseFrames(AbstractDriver):
         """Questions to devices whose samples cannot be read."""
         requests, self._requests = self._requests, b""
         return requests
-
-    def _reading(self, received: Received, header: Header) -> Reading:
-        assert received.values is not None
-        return Reading(
-            device=header.device,
-            sequence=header.sequence,
-            device_time_us=header.time_us,
-            host_s=received.host_s,
-            names=self._names[header.device],
-            values=received.values,
-        )
 
     def _ask(self, device: int, host_s: float) -> None:
         if abs(host_s - self._asked.get(device, -ASK_AGAIN_S)) < ASK_AGAIN_S:
