@@ -27,7 +27,7 @@ LOOPBACK = "127.0.0.1"
 MEMORY = "500MB"
 """What the server keeps for viewers that come late."""
 _STARTS_WITHIN_S = 15.0
-_PURPLE_TO_YELLOW = "viridis"
+_PURPLE_TO_YELLOW, _BLUE_TO_RED = "viridis", "coolwarm"
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,10 +159,17 @@ class RerunView:
         stream.set_time("time", timestamp=picture.time_s)
         now = 1e3 * (scene.rest_m + picture.displacement_m)
         moved = 1e3 * np.linalg.norm(picture.displacement_m, axis=1)
-        _log_mesh(stream, "body/surface", now, scene.surface, _coloured(moved, max(moved.max(), 1e-3)), 150)
+        _log_mesh(
+            stream,
+            "body/surface",
+            now,
+            scene.surface,
+            _coloured(moved / max(moved.max(), 1e-3), _PURPLE_TO_YELLOW),
+            150,
+        )
         largest = max(float(np.nanmax(np.abs(picture.cavity), initial=0.0)), 1e-30)
         for name, faces, value in zip(scene.cavity_names, scene.cavities, picture.cavity, strict=True):
-            colour = _diverging(float(value) / largest)
+            colour = _coloured(0.5 + 0.5 * value / largest, _BLUE_TO_RED)
             _log_mesh(stream, f"body/cavities/{name}", now, faces, np.tile(colour, (len(now), 1)), 255)
         known = np.isfinite(picture.at_m).all(axis=1) & np.isfinite(picture.force_N).all(axis=1)
         vectors = 1e3 * self._scale * picture.force_N[known]
@@ -183,7 +190,7 @@ class RerunView:
                 stream.log(path.replace(" ", "_"), rr.Scalars(value))
         if picture.image is not None:
             peak = max(float(np.nanmax(picture.image)), 1e-30)
-            stream.log("electrodes", rr.Image(_coloured(picture.image / peak, 1.0)))
+            stream.log("electrodes", rr.Image(_coloured(picture.image / peak, _PURPLE_TO_YELLOW)))
         stream.log("status", rr.TextDocument(picture.status))
 
 
@@ -246,18 +253,11 @@ def _listens(address: str, port: int) -> bool:
     return True
 
 
-def _coloured(values: np.ndarray, largest: float) -> np.ndarray:
-    """Colours (..., 3) of values between 0 and the largest one."""
+def _coloured(shares: np.ndarray, palette: str) -> np.ndarray:
+    """Colours (..., 3) of numbers between 0 and 1."""
     from matplotlib import colormaps
 
-    return (255 * colormaps[_PURPLE_TO_YELLOW](np.clip(values / largest, 0, 1))[..., :3]).astype(np.uint8)
-
-
-def _diverging(value: float) -> np.ndarray:
-    """The colour (3,) of a value between −1, blue, and 1, red."""
-    from matplotlib import colormaps
-
-    return (255 * np.array(colormaps["coolwarm"](0.5 + 0.5 * np.clip(value, -1, 1)))[:3]).astype(np.uint8)
+    return (255 * np.array(colormaps[palette](np.clip(shares, 0, 1)))[..., :3]).astype(np.uint8)
 
 
 def _log_mesh(stream, path: str, nodes, faces, colours, opacity: int) -> None:

@@ -25,6 +25,9 @@ class AbstractOutlet(ABC):
     possible.
     """
 
+    _rest = b""
+    """Of a packet whose first bytes have gone; forgotten when whoever had these is gone."""
+
     @property
     @abstractmethod
     def url(self) -> str:
@@ -55,20 +58,9 @@ class AbstractOutlet(ABC):
     def wait(self, seconds: float) -> None:
         """Wait until there is room again, for so long at most."""
 
-
-class Backlog:
-    """The rest of a packet whose first bytes have gone."""
-
-    def __init__(self) -> None:
-        self._rest = b""
-
-    def clear(self) -> None:
-        """Forget it: whoever had its beginning is gone."""
-        self._rest = b""
-
-    def send(self, packet: bytes, write: Callable[[bytes], int]) -> bool:
-        """Send what is left, then a packet, by `write`, which returns how many bytes it took; whether the
-        packet has begun.
+    def _send_whole(self, packet: bytes, write: Callable[[bytes], int]) -> bool:
+        """Send the rest of the packet before, then a packet, by `write`, which returns how many bytes it
+        took; whether the packet has begun.
         """
         if self._rest:
             self._rest = self._rest[write(self._rest) :]
@@ -91,7 +83,6 @@ class PseudoTerminal(AbstractOutlet):
         self._link = link
         self._master: int | None = None
         self._name = ""
-        self._backlog = Backlog()
         self._heard_of = False
 
     @property
@@ -114,7 +105,7 @@ class PseudoTerminal(AbstractOutlet):
         os.close(slave)
         os.set_blocking(master, False)
         self._master = master
-        self._backlog.clear()
+        self._rest = b""
         if self._link is not None:
             self._place(self._link)
 
@@ -132,7 +123,7 @@ class PseudoTerminal(AbstractOutlet):
         """Whether the other end is open; what an earlier listener left unread is discarded."""
         there = self._master is not None and not self._polled(self._master, 0.0) & select.POLLHUP
         if not there and self._heard_of:
-            self._backlog.clear()
+            self._rest = b""
             if self._master is not None:
                 self._discard_unread()
         self._heard_of = there
@@ -142,7 +133,7 @@ class PseudoTerminal(AbstractOutlet):
         master = self._master
         if master is None or not self.listened:
             return False
-        return self._backlog.send(packet, lambda data: _written(master, data))
+        return self._send_whole(packet, lambda data: _written(master, data))
 
     def hear(self):
         if self._master is None or not self._polled(self._master, 0.0) & select.POLLIN:
@@ -204,7 +195,6 @@ class TcpPort(AbstractOutlet):
         self._server: socket.socket | None = None
         self._client: socket.socket | None = None
         self._heard = b""
-        self._backlog = Backlog()
 
     @property
     def url(self):
@@ -249,7 +239,7 @@ class TcpPort(AbstractOutlet):
         return self._client is not None
 
     def offer(self, packet):
-        return self.listened and self._backlog.send(packet, self._send)
+        return self.listened and self._send_whole(packet, self._send)
 
     def hear(self):
         self._look()
@@ -290,7 +280,7 @@ class TcpPort(AbstractOutlet):
         if self._client is not None:
             self._client.close()
             self._client = None
-        self._backlog.clear()
+        self._rest = b""
 
 
 def outlets_of(tcp: int | None, link: Path | None, boards: int) -> list[list[AbstractOutlet]]:
