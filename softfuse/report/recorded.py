@@ -9,18 +9,11 @@ from jaxtyping import Bool
 
 from softfuse.estimation.tracked import Frame
 from softfuse.hardware.recording import Recording, read_recording
-from softfuse.hardware.table.form import TableForm
-from softfuse.robot.recording import RecordingSettings
 from softfuse.robot.robot import require_sensors
 from softfuse.robot.settings import RobotSettings
 
 _AT_ONCE = 1 << 14
 """Frames that are made from the columns side by side."""
-
-
-def table_form(settings: RecordingSettings) -> TableForm:
-    """How recordings are written, as far as the settings tell."""
-    return TableForm(**dict(settings))
 
 
 def read_sensors(settings: RobotSettings, path: Path) -> Recording:
@@ -29,7 +22,7 @@ def read_sensors(settings: RobotSettings, path: Path) -> Recording:
     Raises ConfigError for a robot without sensors, RecordingError as `read_recording` does.
     """
     require_sensors(settings)
-    return read_recording(path, list(settings.channels), table_form(settings.recording))
+    return read_recording(path, list(settings.channels), settings.recording)
 
 
 def sensor_frames(settings: RobotSettings, recording: Recording) -> Iterator[Frame]:

@@ -28,9 +28,10 @@ from softfuse.errors import RecordingError
 from softfuse.hardware.record.entries import EstimateEntry, FrameEntry, Kind, SessionInfo
 from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.record.session_writer import SessionWriter
-from softfuse.hardware.table.form import FOUND, TableForm
+from softfuse.hardware.table.form import FOUND
 from softfuse.hardware.table.table import TIME, Table
 from softfuse.io.result_folder import put_in_place
+from softfuse.robot.recording import RecordingSettings
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -53,7 +54,7 @@ class FrameTable:
     """When it was recorded, in ISO 8601, where it is known."""
 
 
-def read_csv(path: Path, form: TableForm = FOUND) -> FrameTable:
+def read_csv(path: Path, form: RecordingSettings = FOUND) -> FrameTable:
     """The frames of a recording, .csv or .csv.gz, numbered by row, of all columns but those that hold texts
     only; read as they are gone through.
 
@@ -277,7 +278,9 @@ SUFFIXES = (".mcap", ".csv", ".csv.gz", ".parquet")
 SESSION = ".mcap"
 
 
-def convert_frames(source: Path, target: Path, *, form: TableForm = FOUND, overwrite: bool = False) -> int:
+def convert_frames(
+    source: Path, target: Path, *, form: RecordingSettings = FOUND, overwrite: bool = False
+) -> int:
     """Write the frames of one file as another, and return how many; form: how a CSV is written, as far
     as it is told.
 

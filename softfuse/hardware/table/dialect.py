@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softfuse.hardware.table.form import PER_SECOND, SEPARATORS, Decimal, TableForm, missing, number
+from softfuse.hardware.table.form import PER_SECOND, SEPARATORS, Decimal, missing, number
+from softfuse.robot.recording import RecordingSettings
 
 _SPELT = {
     "s": ("s", "sec", "secs", "second", "seconds"),
@@ -58,7 +59,7 @@ class TimeColumn:
     remark: str | None
 
 
-def find_time(names: Sequence[str], told: TableForm) -> int | None:
+def find_time(names: Sequence[str], told: RecordingSettings) -> int | None:
     """The number of the field of the time: the told one, else `time_s`, else the first that is one by its
     name; None where there is none.
     """
@@ -70,7 +71,7 @@ def find_time(names: Sequence[str], told: TableForm) -> int | None:
 
 
 def time_column(
-    place: int, name: str, units: Sequence[str], first: Sequence[float], told: TableForm
+    place: int, name: str, units: Sequence[str], first: Sequence[float], told: RecordingSettings
 ) -> TimeColumn:
     """The column of the time at a place with a name, of which the first values are known.
 
@@ -146,7 +147,7 @@ def is_comment(line: str) -> bool:
 
 
 def find_dialect(
-    block: bytes, told: TableForm, wanted: Collection[str], time: Callable[[str], bool]
+    block: bytes, told: RecordingSettings, wanted: Collection[str], time: Callable[[str], bool]
 ) -> Dialect:
     """How the table is written that begins with a block of whole lines.
 

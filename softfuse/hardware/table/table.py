@@ -11,9 +11,10 @@ from jaxtyping import Int
 
 from softfuse.errors import RecordingError
 from softfuse.hardware.table.dialect import Dialect, find_dialect, find_time, time_column, time_name
-from softfuse.hardware.table.form import TableForm, number
+from softfuse.hardware.table.form import number
 from softfuse.hardware.table.long import Pivot, Readings, long_columns
 from softfuse.hardware.table.rows import Block, RowReader, TextBlocks
+from softfuse.robot.recording import RecordingSettings
 
 logger = logging.getLogger(__name__)
 
@@ -24,7 +25,7 @@ _LISTED = 40
 class Table:
     """A table whose header has been read; without the column of the time where none is wanted (`timed`)."""
 
-    def __init__(self, path: Path, required: Sequence[str], told: TableForm, *, timed: bool = True):
+    def __init__(self, path: Path, required: Sequence[str], told: RecordingSettings, *, timed: bool = True):
         """required: names of channels of which every row should have a number.
 
         Raises RecordingError, which says what is missing and what there is, when the file cannot be read, has
@@ -168,7 +169,9 @@ class Table:
 class _Long:
     """Rows of readings as frames of the channels that are required or come among the first rows."""
 
-    def __init__(self, reader: RowReader, told: TableForm, head: Sequence[Block], required: Sequence[str]):
+    def __init__(
+        self, reader: RowReader, told: RecordingSettings, head: Sequence[Block], required: Sequence[str]
+    ):
         self._reader, self._told = reader, told
         names = [self._name(text) for rows in head for text in self._texts(rows)]
         self.channels = list(dict.fromkeys([*names, *required]))
