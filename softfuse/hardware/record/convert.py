@@ -309,18 +309,12 @@ def convert_estimates(source: Path, target: Path, *, overwrite: bool = False) ->
     kinds = dict(session.info.estimates)
     if not kinds:
         raise RecordingError(f"{source} holds no estimates")
-    if suffix(target) == ".parquet":
-        return _create(
-            target,
-            lambda path: write_parquet_estimates(path, kinds, session.estimates()),
-            overwrite=overwrite,
-        )
-    compressed = suffix(target) == ".csv.gz"
-    return _create(
-        target,
-        lambda path: write_csv_estimates(path, kinds, session.estimates(), compressed=compressed),
-        overwrite=overwrite,
+    write = (
+        write_parquet_estimates
+        if suffix(target) == ".parquet"
+        else partial(write_csv_estimates, compressed=suffix(target) == ".csv.gz")
     )
+    return _create(target, lambda path: write(path, kinds, session.estimates()), overwrite=overwrite)
 
 
 def suffix(path: Path) -> str:
