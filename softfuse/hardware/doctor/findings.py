@@ -21,6 +21,15 @@ from softfuse.robot.file import load
 from softfuse.robot.settings import RobotSettings
 
 State = Literal["ok", "note", "problem"]
+EXTRAS = {
+    "viz": "the live view",
+    "sweep": "softfuse sweep",
+    "mkl": "the solver of Intel's MKL",
+    "dev": "the tests",
+}
+"""Extras, and what needs them."""
+_LEAST = 1e-9
+"""The largest relative error that the solution of a small system may have."""
 
 
 @dataclass(frozen=True)
@@ -64,15 +73,6 @@ def check_config(config: Path) -> tuple[RobotSettings | None, list[Finding]]:
         return settings, [Finding(str(config), "note", "it has no [sensors]", "add them for live estimates")]
     heard = "" if settings.sources else "; it has no [[source]], --port listens to a device"
     return settings, [Finding(str(config), "ok", f"{settings.robot.name}{heard}")]
-
-
-EXTRAS = {
-    "viz": "the live view",
-    "sweep": "softfuse sweep",
-    "mkl": "the solver of Intel's MKL",
-    "dev": "the tests",
-}
-"""Extras, and what needs them."""
 
 
 def check_installed() -> list[Finding]:
@@ -133,10 +133,6 @@ def _extra(requirement: Requirement) -> str | None:
     if marker is None or marker.evaluate({"extra": ""}):
         return None
     return next((extra for extra in EXTRAS if marker.evaluate({"extra": extra})), None)
-
-
-_LEAST = 1e-9
-"""The largest relative error that the solution of a small system may have."""
 
 
 def check_devices() -> list[Finding]:

@@ -26,6 +26,13 @@ from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.record.entries import EstimateEntry, FrameEntry
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 
+_LEAST_S, _MOST_S, _RATIO = 1e-5, 1e3, 1.02
+_BINS = math.ceil(math.log(_MOST_S / _LEAST_S) / math.log(_RATIO)) + 2
+INBOX_LENGTH = 256
+"""Chunks that may wait to be assembled."""
+Fields = Mapping[str, float | str | None]
+"""What people read of an estimate, by the columns' names."""
+
 
 class FrameQueue:
     """A bounded queue of numbered frames between the thread that makes them and the one that estimates.
@@ -72,10 +79,6 @@ class FrameQueue:
             self._changed.notify_all()
 
 
-_LEAST_S, _MOST_S, _RATIO = 1e-5, 1e3, 1.02
-_BINS = math.ceil(math.log(_MOST_S / _LEAST_S) / math.log(_RATIO)) + 2
-
-
 class Latencies:
     """Quantiles of times from 10 µs to 1000 s in constant memory: counts in bins whose widths grow by 2 %."""
 
@@ -97,13 +100,6 @@ class Latencies:
             return math.nan
         at = int(np.searchsorted(np.cumsum(self._counts), max(share * total, 1.0)))
         return min(_LEAST_S * _RATIO**at, self.largest_s)
-
-
-INBOX_LENGTH = 256
-"""Chunks that may wait to be assembled."""
-
-Fields = Mapping[str, float | str | None]
-"""What people read of an estimate, by the columns' names."""
 
 
 class Estimating(Protocol):

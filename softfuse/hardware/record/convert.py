@@ -38,6 +38,11 @@ if TYPE_CHECKING:
 
 
 logger = logging.getLogger(__name__)
+INDEX = "index"
+_CELLS = 1 << 20
+"""Numbers that are held at a time."""
+SUFFIXES = (".mcap", ".csv", ".csv.gz", ".parquet")
+SESSION = ".mcap"
 
 
 @dataclass(frozen=True)
@@ -151,11 +156,6 @@ def _text(path: Path, compressed: bool) -> Iterator[TextIO]:
     else:
         with path.open("w", encoding="utf-8", newline="") as stream:
             yield stream
-
-
-INDEX = "index"
-_CELLS = 1 << 20
-"""Numbers that are held at a time."""
 
 
 def read_parquet(path: Path) -> FrameTable:
@@ -272,10 +272,6 @@ def _counted(index: Any, path: Path) -> int:
 
 def _first_line(error: Exception) -> str:
     return str(error).partition("\n")[0]
-
-
-SUFFIXES = (".mcap", ".csv", ".csv.gz", ".parquet")
-SESSION = ".mcap"
 
 
 def convert_frames(

@@ -28,6 +28,11 @@ ESTIMATE_FIELDS = ("frame", "sensed", "time_s", "status", "latency_ms", "end_to_
 
 MOST_NAMES = 65536
 """Channels, and columns of estimates, of a session."""
+LONGEST_JSON = 1 << 20
+"""Bytes of the longest object that is written or read."""
+LEVELS: dict[str, Level] = {level: level for level in get_args(Level)}
+_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+_NUMBER = {"type": "number"}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -114,13 +119,6 @@ def _check_names(names: tuple[str, ...], taken: tuple[str, ...], what: str) -> N
             name.encode()
         except UnicodeEncodeError as error:
             raise RecordingError(f"the {what} {name!r} cannot be written in UTF-8: rename it") from error
-
-
-LONGEST_JSON = 1 << 20
-"""Bytes of the longest object that is written or read."""
-LEVELS: dict[str, Level] = {level: level for level in get_args(Level)}
-_DIALECT = "https://json-schema.org/draft/2020-12/schema"
-_NUMBER = {"type": "number"}
 
 
 def frame_schema(info: SessionInfo) -> bytes:

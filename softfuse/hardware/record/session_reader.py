@@ -42,6 +42,13 @@ LARGEST_RECORD = 1 << 26
 """Bytes of the largest chunk, unpacked, or attachment that is read."""
 _HEAD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
+logger = logging.getLogger(__name__)
+T = TypeVar("T")
+_HEADER, _FOOTER, _CHANNEL, _MESSAGE, _CHUNK = 0x01, 0x02, 0x04, 0x05, 0x06
+_ATTACHMENT, _METADATA, _DATA_END = 0x09, 0x0C, 0x0F
+_LARGEST_HEAD = 4 << 20
+_BYTES_TOPIC = re.compile(r"/source/(0|[1-9][0-9]{0,3})/bytes", re.ASCII)
+_JSON, _RAW = "json", "application/octet-stream"
 
 
 class DamagedRecord(ValueError):
@@ -158,15 +165,7 @@ def _unzstd(data: bytes, size: int) -> bytes:
         raise DamagedRecord("a chunk cannot be decompressed") from error
 
 
-logger = logging.getLogger(__name__)
-
-T = TypeVar("T")
 Reader = Callable[[RawMessage], T]
-_HEADER, _FOOTER, _CHANNEL, _MESSAGE, _CHUNK = 0x01, 0x02, 0x04, 0x05, 0x06
-_ATTACHMENT, _METADATA, _DATA_END = 0x09, 0x0C, 0x0F
-_LARGEST_HEAD = 4 << 20
-_BYTES_TOPIC = re.compile(r"/source/(0|[1-9][0-9]{0,3})/bytes", re.ASCII)
-_JSON, _RAW = "json", "application/octet-stream"
 
 
 class RecordedSession:

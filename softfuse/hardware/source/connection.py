@@ -32,6 +32,7 @@ MOST_UNSENT = 64
 """Messages that wait to be sent; more are refused."""
 
 _log = logging.getLogger(__name__)
+SILENCE = f"nothing has come for {SILENT_S:g} s: is the device on, its cable in, and the baud rate its own?"
 
 
 class Connection:
@@ -190,9 +191,6 @@ class Connection:
     def _tell(self, level: Level, text: str) -> None:
         if not self._stop.is_set():
             self._on_notice(Notice(self._clock.now_s(), self._source, level, text))
-
-
-SILENCE = f"nothing has come for {SILENT_S:g} s: is the device on, its cable in, and the baud rate its own?"
 
 
 def remedy(url: str, error: OSError) -> str:

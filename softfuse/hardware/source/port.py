@@ -35,6 +35,8 @@ WRITE_WAIT_S = 0.1
 """How long a write waits for a device that does not take bytes [s]."""
 LARGEST_READ = 65536
 """Bytes that one read returns at most."""
+SCHEMES = ("socket", "rfc2217", "loop", "hwgrep")
+"""Kinds of addresses, besides a device's own name."""
 
 
 class AbstractPort(ABC):
@@ -57,10 +59,6 @@ class AbstractPort(ABC):
     @abstractmethod
     def close(self) -> None:
         """Close it; never raises, and may be repeated."""
-
-
-SCHEMES = ("socket", "rfc2217", "loop", "hwgrep")
-"""Kinds of addresses, besides a device's own name."""
 
 
 @dataclass(frozen=True)

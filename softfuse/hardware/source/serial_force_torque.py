@@ -9,6 +9,20 @@ from fastcrc import crc16
 from softfuse.hardware.source.driver import AbstractDriver, CounterTime, Reading
 from softfuse.robot.source import BotaSource, RobotousRftSource
 
+_BOTA_FRAME = struct.Struct("<BH6fIfH")
+_INVALID = 0b1100
+_MEANINGS = {
+    0: "it skips measurements: set a longer filter",
+    1: "the load is out of its range",
+    2: "its values are not valid: unload it, and have it checked if that does not help",
+    3: "its values are raw: switch the calibration on in its settings",
+}
+RATES = {10: 1, 20: 2, 50: 3, 100: 4, 200: 5, 333: 6, 500: 7, 1000: 8}
+"""Samples per second that the sensor can send, and their numbers."""
+_RFT_FIRST, _RFT_LAST = 0x55, 0xAA
+_RESPONSE = 19
+_ONCE, _START, _STOP, _SET_RATE = 10, 11, 12, 15
+
 
 class FixedFrames:
     """Finds frames in a stream that comes in pieces of any size; holds less than one frame.
@@ -67,16 +81,6 @@ class FixedFrames:
             self.bytes_discarded += count
             self.failures += self._in_step
             self._in_step = False
-
-
-_BOTA_FRAME = struct.Struct("<BH6fIfH")
-_INVALID = 0b1100
-_MEANINGS = {
-    0: "it skips measurements: set a longer filter",
-    1: "the load is out of its range",
-    2: "its values are not valid: unload it, and have it checked if that does not help",
-    3: "its values are raw: switch the calibration on in its settings",
-}
 
 
 class BotaSerial(AbstractDriver):
@@ -146,13 +150,6 @@ class BotaSerial(AbstractDriver):
 
 def _whole_bota(frame: bytes) -> bool:
     return crc16.ibm_sdlc(frame[1:-2]) == int.from_bytes(frame[-2:], "little")
-
-
-RATES = {10: 1, 20: 2, 50: 3, 100: 4, 200: 5, 333: 6, 500: 7, 1000: 8}
-"""Samples per second that the sensor can send, and their numbers."""
-_RFT_FIRST, _RFT_LAST = 0x55, 0xAA
-_RESPONSE = 19
-_ONCE, _START, _STOP, _SET_RATE = 10, 11, 12, 15
 
 
 class RobotousRft(AbstractDriver):

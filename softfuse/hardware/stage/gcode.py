@@ -28,6 +28,10 @@ _AXES = "xyz"
 
 TOLERANCE = 0.02e-3
 """How far from its target a stage may stop [m]; firmwares round to a step."""
+GREETING_S = 10.0
+"""How long a board may take to start [s]."""
+HELLO_AGAIN_S = 1.0
+HOMING_S = 120.0
 
 
 @dataclass(frozen=True)
@@ -69,12 +73,6 @@ class Workspace:
 
 def _mm(length: float) -> str:
     return f"{1e3 * length:g} mm"
-
-
-GREETING_S = 10.0
-"""How long a board may take to start [s]."""
-HELLO_AGAIN_S = 1.0
-HOMING_S = 120.0
 
 
 class GcodeStage:

@@ -31,6 +31,9 @@ _STEMS = frozenset(
 )
 _PLAUSIBLE_S = (2e-5, 0.5)
 """Sampling intervals that are believed [s]: 50 kHz to 2 Hz."""
+_LOOKED_AT = 200
+_LONGEST_UNIT = 8
+_COMMENTS = ("#", "%", "//")
 
 
 def time_name(name: str) -> bool:
@@ -101,11 +104,6 @@ def time_column(
                 f': say time_unit = "{likely}" if it is in {likely}' if likely else ": say its time_unit"
             )
     return TimeColumn(place, PER_SECOND[taken], f"the time {name!r}: {remark}")
-
-
-_LOOKED_AT = 200
-_LONGEST_UNIT = 8
-_COMMENTS = ("#", "%", "//")
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,12 @@ from softfuse.hardware.table.rows import Block
 
 _SHARED = 1.5
 """Readings per time, from which on times are shared."""
+_IDS = frozenset(
+    ("id", "name", "channel", "channel_id", "channel_name", "ch", "sensor", "sensor_id", "sensor_name")
+    + ("signal", "signal_name", "topic", "key", "variable", "label", "tag", "source", "metric", "field")
+    + ("series",)
+)
+_VALUES = frozenset(("value", "values", "val", "reading", "data", "measurement", "raw", "v", "y"))
 
 
 @dataclass
@@ -101,11 +107,3 @@ def long_columns(
             return None
         found.append(among[0])
     return found[0], found[1]
-
-
-_IDS = frozenset(
-    ("id", "name", "channel", "channel_id", "channel_name", "ch", "sensor", "sensor_id", "sensor_name")
-    + ("signal", "signal_name", "topic", "key", "variable", "label", "tag", "source", "metric", "field")
-    + ("series",)
-)
-_VALUES = frozenset(("value", "values", "val", "reading", "data", "measurement", "raw", "v", "y"))

@@ -38,6 +38,14 @@ _BOMS = (
 _AT_ONCE = 1 << 13
 """Bytes that a damage may cost."""
 _ZEROS_OF_UTF16 = 0.4
+_PARTS = 8
+_TIME = -1
+"""The number of the column of the time; those of channels are counted from 0."""
+_BY_HAND = 64
+"""Lines that are not worth another try."""
+_MOST_LABELS = 10_000
+"""Different texts in a column, beyond which they are no names and not kept."""
+_NULLS = sorted({*MISSING, *(text.upper() for text in MISSING), "NaN", "None"})
 
 
 class TextBlocks:
@@ -128,16 +136,6 @@ def _encoding(head: bytes) -> str:
         if error.end < len(head) and head[: error.start].isascii():
             return "cp1252"
     return "utf-8"
-
-
-_PARTS = 8
-_TIME = -1
-"""The number of the column of the time; those of channels are counted from 0."""
-_BY_HAND = 64
-"""Lines that are not worth another try."""
-_MOST_LABELS = 10_000
-"""Different texts in a column, beyond which they are no names and not kept."""
-_NULLS = sorted({*MISSING, *(text.upper() for text in MISSING), "NaN", "None"})
 
 
 @dataclass

@@ -18,6 +18,7 @@ from softfuse.hardware.stream import Chunk, HostClock, Notice
 from softfuse.hardware.testbed.places import LABELS, Point, next_press, pressed, remaining
 
 FLUSH_S = 0.5
+_SESSION, _TABLE = ".mcap", ".csv"
 
 
 class CsvRecording:
@@ -77,9 +78,6 @@ def _ends_a_line(path: Path) -> bool:
     with path.open("rb") as stream:
         stream.seek(-1, os.SEEK_END)
         return stream.read() == b"\n"
-
-
-_SESSION, _TABLE = ".mcap", ".csv"
 
 
 def done_already(files: Sequence[Path], places: Sequence[Point], levels: int) -> tuple[list[Point], int]:

@@ -14,6 +14,12 @@ from softfuse.errors import HardwareError, SoftfuseError
 from softfuse.hardware.virtual.board import BoardClock, DeadSensor, SensorFaults
 
 _NAMES = ("drop-bytes", "flip-bits", "lose-samples", "unplug", "power-cut", "clock-drift", "silent", "stuck")
+HELP = (
+    "drop-bytes=P and flip-bits=P: probability for each byte and bit; lose-samples=P; unplug=S/T: the port "
+    "is gone for S of every T seconds; power-cut=S/T: the same, and the board starts anew; clock-drift=PPM "
+    "(the second board's the other way); silent=CHANNEL@S, stuck=CHANNEL@S: a sensor dies after S seconds."
+)
+"""What can be asked for."""
 
 
 @dataclass(frozen=True)
@@ -99,14 +105,6 @@ class Faults:
     sensors: SensorFaults = SensorFaults()
     outages: Outages | None = None
     drift_ppm: float = 0.0
-
-
-HELP = (
-    "drop-bytes=P and flip-bits=P: probability for each byte and bit; lose-samples=P; unplug=S/T: the port "
-    "is gone for S of every T seconds; power-cut=S/T: the same, and the board starts anew; clock-drift=PPM "
-    "(the second board's the other way); silent=CHANNEL@S, stuck=CHANNEL@S: a sensor dies after S seconds."
-)
-"""What can be asked for."""
 
 
 def parse_faults(asked: Sequence[str], channels: Sequence[str]) -> Faults:

@@ -22,6 +22,9 @@ LONGEST_NAME = 255
 """Longest name of a channel or a device [bytes of UTF-8]."""
 RESERVED_NAME = "time_s"
 """The column of a recording that the host fills."""
+MOST_CHANNELS = 512
+_CHANNEL = struct.Struct("<BffB")
+_COUNT = struct.Struct("<H")
 
 
 class RawType(Enum):
@@ -104,11 +107,6 @@ def check_name(name: str, owner: str) -> None:
             f"the {owner}'s name {name!r} must be printable, without commas, semicolons and quotes, "
             "and without spaces at its ends"
         )
-
-
-MOST_CHANNELS = 512
-_CHANNEL = struct.Struct("<BffB")
-_COUNT = struct.Struct("<H")
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,9 @@ LONGEST_BODY = 16384
 """Bytes of header and payload."""
 _HEADER = struct.Struct("<BBHIQ")
 _LAYOUT = struct.Struct("<H")
+CRC_SIZE = 2
+LONGEST_PACKET = LONGEST_BODY + CRC_SIZE + (LONGEST_BODY + CRC_SIZE) // 254 + 1
+"""Bytes of the longest packet, without the 0x00 at its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,11 +126,6 @@ def _packed(form: struct.Struct, *numbers: int) -> bytes:
         return form.pack(*numbers)
     except struct.error as error:
         raise WireError(f"a number of the message does not fit into its field: {error}") from error
-
-
-CRC_SIZE = 2
-LONGEST_PACKET = LONGEST_BODY + CRC_SIZE + (LONGEST_BODY + CRC_SIZE) // 254 + 1
-"""Bytes of the longest packet, without the 0x00 at its end."""
 
 
 @dataclass
