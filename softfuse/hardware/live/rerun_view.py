@@ -27,6 +27,8 @@ LOOPBACK = "127.0.0.1"
 MEMORY = "500MB"
 """What the server keeps for viewers that come late."""
 _STARTS_WITHIN_S = 15.0
+_ARROW_M_N = 5e-3
+"""Length of the arrow of a newton [m/N]."""
 _PURPLE_TO_YELLOW, _BLUE_TO_RED = "viridis", "coolwarm"
 
 
@@ -75,16 +77,14 @@ class RerunView:
         bind: str = LOOPBACK,
         page_port: int = 9090,
         stream_port: int = 9876,
-        force_scale_m_N: float = 5e-3,
     ):
         """Start the server, if it is to serve, and a thread.
 
-        `save`: an .rrd file to be written as well; `bind`: the address to listen on; `force_scale_m_N`:
-        length of the arrow of a newton [m/N]. Raises HardwareError without Rerun, or when the server does
-        not start.
+        `save`: an .rrd file to be written as well; `bind`: the address to listen on. Raises HardwareError
+        without Rerun, or when the server does not start.
         """
         rr = _rerun()
-        self._scene, self._scale = scene, force_scale_m_N
+        self._scene = scene
         self._server: subprocess.Popen[bytes] | None = None
         self.page: str | None = None
         """Where a browser finds it, if it is served."""
@@ -172,7 +172,7 @@ class RerunView:
             colour = _coloured(0.5 + 0.5 * value / largest, _BLUE_TO_RED)
             _log_mesh(stream, f"body/cavities/{name}", now, faces, np.tile(colour, (len(now), 1)), 255)
         known = np.isfinite(picture.at_m).all(axis=1) & np.isfinite(picture.force_N).all(axis=1)
-        vectors = 1e3 * self._scale * picture.force_N[known]
+        vectors = 1e3 * _ARROW_M_N * picture.force_N[known]
         sizes = np.linalg.norm(picture.force_N[known], axis=1)
         stream.log(
             "body/forces",

@@ -84,16 +84,6 @@ class Connection:
         self._unsent.append(data)
         return True
 
-    @property
-    def connected(self) -> bool:
-        """Whether the port is open now."""
-        return self._connected.is_set()
-
-    @property
-    def running(self) -> bool:
-        """Whether the thread is there, which ends by `stop` only, unless a callback raises."""
-        return self._thread is not None and self._thread.is_alive()
-
     def stop(self) -> None:
         """Close the port, from any thread; back within 0.5 s, and nothing is handed out after that.
 
