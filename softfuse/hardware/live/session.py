@@ -192,11 +192,18 @@ class Session:
         for thread in self._threads:
             thread.start()
 
-    def receive(self, chunk: Chunk) -> None:
-        """Take what a source has read; from any thread. While thousands wait it holds the reader back, and
-        the operating system's own buffer fills.
+    def receive(self, chunk: Chunk | None) -> None:
+        """Take what a source has read, or None for the end; from any thread.
+
+        While thousands wait it holds the reader back, and the operating system's own buffer fills. Nothing is
+        taken once a thread has failed, since nobody would empty the inbox.
         """
-        self._enter(chunk)
+        while self._failure is None:
+            try:
+                self._inbox.put(chunk, timeout=0.2)
+            except queue.Full:
+                continue
+            return
 
     def tell(self, notice: Notice) -> None:
         """Record and show what people should know; from any thread."""
@@ -213,7 +220,7 @@ class Session:
         """Work off what has been received, then end; raises what a thread failed with."""
         if self._threads[0].ident is None:
             return  # never started
-        self._enter(None)
+        self.receive(None)
         for thread in self._threads:
             thread.join()
         if self._recorder is not None:
@@ -243,15 +250,6 @@ class Session:
             tuple(self._pipeline.counts),
             tuple(self._pipeline.missing),
         )
-
-    def _enter(self, chunk: Chunk | None) -> None:
-        """Put a chunk, or the end, into the inbox; nothing once a thread has failed, which nobody empties."""
-        while self._failure is None:
-            try:
-                self._inbox.put(chunk, timeout=0.2)
-            except queue.Full:
-                continue
-            return
 
     def _guarded(self, run: Callable[[], None]) -> None:
         try:
