@@ -111,13 +111,9 @@ class DeviceClock:
             restarts=self._restarts,
         )
 
-    def _line(self, x: float) -> float:
-        """The host's time of the device's time x since the first sample."""
-        return self._first_s + x + self._intercept + self._slope * x
-
     def _follow(self, step: float, jumped: bool) -> float:
         """The next time to hand out, `step` of the device's time after the last."""
-        line = self._line(self._x)
+        line = self._first_s + self._x + self._intercept + self._slope * self._x
         if step == 0.0:
             return self._last_out
         earliest = float(np.nextafter(self._last_out, np.inf))

@@ -136,7 +136,8 @@ class Description:
 
     def payload(self) -> bytes:
         """The bytes that describe this device on the wire."""
-        parts = [_text(self.name), _COUNT.pack(len(self.channels))]
+        own = self.name.encode()
+        parts = [bytes([len(own)]) + own + _COUNT.pack(len(self.channels))]
         for channel in self.channels:
             name = channel.name.encode()
             parts.append(_CHANNEL.pack(channel.type.value, channel.scale, channel.offset, len(name)) + name)
@@ -164,12 +165,6 @@ def parse_description(payload: bytes) -> Description:
     if at != len(payload):
         raise WireError(f"the description has {len(payload) - at} bytes more than its channels")
     return Description(name, tuple(channels))
-
-
-def _text(text: str) -> bytes:
-    """A name with its length before it."""
-    data = text.encode()
-    return bytes([len(data)]) + data
 
 
 def _unpack(form: struct.Struct, payload: bytes, at: int) -> tuple:
