@@ -26,13 +26,18 @@ from pathlib import Path
 import numpy as np
 from cobs import cobs
 
-from softfuse.hardware.wire.channel import Channel, RawType
+from softfuse.hardware.source.text_lines import TextFormat, TextLines
 from softfuse.hardware.wire.decoder import Decoder
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
-from softfuse.hardware.wire.lines import LineDecoder, LineFormat
-from softfuse.hardware.wire.message import DescriptionMessage, Header, Message, SampleMessage, encode
-from softfuse.hardware.wire.packet import Unpacker, pack
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
+from softfuse.hardware.wire.message import (
+    DescriptionMessage,
+    Header,
+    Message,
+    SampleMessage,
+    Unpacker,
+    encode,
+    pack,
+)
 
 CHANNELS = 20
 POOL = 2000
@@ -168,10 +173,10 @@ def fuzz_forged(blocks: int, seed: int) -> dict[str, int]:
 
 
 def fuzz_lines(blocks: int, seed: int) -> dict[str, int]:
-    """Damaged lines into a `LineDecoder`."""
+    """Damaged lines into the driver of boards that print them."""
     rng = random.Random(seed)
     columns = tuple(f"v{k}" for k in range(CHANNELS))
-    decoder = LineDecoder(LineFormat({name: name for name in columns}, columns=("time_us", *columns)))
+    driver = TextLines(TextFormat(("time_us", *columns), "time_us"), {name: name for name in columns})
     second_lost = 0
     for block in range(blocks):
         lines = [
@@ -181,9 +186,9 @@ def fuzz_lines(blocks: int, seed: int) -> dict[str, int]:
             for k in range(3)
         ]
         data = rng.choice(DAMAGE)(rng, lines[0]) + lines[1] + lines[2]
-        received = [one for piece in pieces(rng, data) for one in decoder.feed(piece, 0.0)]
-        second_lost += not received or received[-1].message.header.time_us != 30_000 * block + 20_000
-    return {"blocks": blocks, "second_lost": second_lost, **vars(decoder.counts)}
+        readings = [one for piece in pieces(rng, data) for one in driver.feed(piece, 0.0)]
+        second_lost += not readings or readings[-1].device_time_us != 30_000 * block + 20_000
+    return {"blocks": blocks, "second_lost": second_lost, **driver.counts}
 
 
 def main() -> None:

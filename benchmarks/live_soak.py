@@ -37,7 +37,7 @@ from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.live.session import Session, SessionReport
 from softfuse.hardware.record.entries import SessionInfo, SourceInfo
-from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.hardware.stream import HostClock, Notice
 from softfuse.report.live import LiveEstimates
@@ -88,7 +88,7 @@ def soak(parts: LiveEstimates, url: str, record: Path, frames: int) -> tuple[Ses
 
 def recorded(parts: LiveEstimates, path: Path) -> dict[str, Any]:
     """What the file holds, and whether its bytes give its frames again."""
-    session = read_session(path)
+    session = RecordedSession(path)
     pipeline = Pipeline(parts.channels, [driver_of(SoftfuseSource(driver="softfuse", url="x", baud=115200))])
     again = (frame for chunk in session.chunks() for frame in pipeline.feed(chunk)[0])
     in_order, identical, count = True, 0, 0

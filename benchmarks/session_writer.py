@@ -17,7 +17,7 @@ import numpy as np
 from resident import resident_mb
 
 from softfuse.hardware.record.entries import EstimateEntry, FrameEntry, Kind, SessionInfo, SourceInfo
-from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.record.session_writer import SessionWriter
 from softfuse.hardware.stream import Chunk
 
@@ -53,9 +53,9 @@ def main() -> None:
             for i in range(count):
                 at, k = 1.8e9 + 0.01 * i, i % 1000
                 begin = time.perf_counter()
-                writer.chunk(Chunk(0, at, packets[k]))
-                writer.frame(FrameEntry(i, at, values[k]))
-                writer.estimate(EstimateEntry(i, at, at, {**found[k], "where": "left 2"}, ("ok",), 1.5, 2.5))
+                writer.add(Chunk(0, at, packets[k]))
+                writer.add(FrameEntry(i, at, values[k]))
+                writer.add(EstimateEntry(i, at, at, {**found[k], "where": "left 2"}, ("ok",), 1.5, 2.5))
                 took = time.perf_counter() - begin
                 spent, longest = spent + took, max(longest, took)
                 if i % (count // 10) == 0:
@@ -63,7 +63,7 @@ def main() -> None:
         memory.append(round(resident_mb(), 1))
         size = path.stat().st_size
         begin = time.perf_counter()
-        read = sum(1 for _ in read_session(path).entries())
+        read = sum(1 for _ in RecordedSession(path).entries())
         reading = time.perf_counter() - begin
     numbers = {
         "frames": count,

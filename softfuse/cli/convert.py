@@ -9,7 +9,6 @@ from softfuse.cli.options import Quiet
 from softfuse.cli.progress import busy
 from softfuse.cli.terminal import say
 from softfuse.hardware.record.convert import convert_estimates, convert_frames
-from softfuse.report.presses import table_form
 from softfuse.robot.file import file_text, validated
 from softfuse.robot.recording import RecordingFile, RecordingSettings
 
@@ -38,5 +37,5 @@ def convert(
         if estimates:
             count = convert_estimates(source, target, overwrite=force)
         else:
-            count = convert_frames(source, target, form=table_form(told), overwrite=force)
+            count = convert_frames(source, target, form=told, overwrite=force)
     say(f"{count} {'estimates' if estimates else 'frames'} written to {target}", quiet=quiet)

@@ -13,12 +13,19 @@ from softfuse.cli.options import Quiet
 from softfuse.cli.progress import busy
 from softfuse.cli.sources import sources_at
 from softfuse.cli.terminal import printable, stdout
-from softfuse.hardware.doctor.computing import check_cache, check_devices, check_solvers, check_viewer
-from softfuse.hardware.doctor.configured import check_config
-from softfuse.hardware.doctor.finding import Finding, State, well
-from softfuse.hardware.doctor.installed import check_installed
+from softfuse.hardware.doctor.findings import (
+    Finding,
+    State,
+    check_cache,
+    check_config,
+    check_devices,
+    check_installed,
+    check_solvers,
+    check_viewer,
+    well,
+)
 from softfuse.hardware.doctor.sources import check_ports, check_sources
-from softfuse.hardware.source.serial_ports import serial_ports
+from softfuse.hardware.source.port import serial_ports
 
 _SIGNS: dict[State, tuple[str, str]] = {
     "ok": ("ok", "green"),

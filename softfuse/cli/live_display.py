@@ -7,8 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from softfuse.cli.terminal import printable
-from softfuse.hardware.live.session import Published, Session, SessionReport
-from softfuse.hardware.live.words import besides_samples, latency
+from softfuse.hardware.live.session import Published, Session, SessionReport, besides_samples, latency
 from softfuse.hardware.stream import HostClock, Notice
 from softfuse.report.columns import smoothed_words
 

@@ -14,7 +14,7 @@ from softfuse.errors import RecordingError
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.replay import Replay
 from softfuse.hardware.live.rerun_view import LOOPBACK
-from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.source.configured import drivers_again
 from softfuse.report.live import LiveEstimates, Pictures
 from softfuse.robot.file import load, parse
@@ -37,7 +37,7 @@ def replay(
     quiet: Quiet = False,
 ) -> None:
     """Replay a recorded session, and tell whether its estimates came out the same."""
-    recorded = read_session(session)
+    recorded = RecordedSession(session)
     if config is not None:
         settings = load(config)
     elif recorded.info.config is not None:

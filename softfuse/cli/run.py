@@ -17,8 +17,7 @@ from softfuse.cli.view_options import Bind, SaveView, StreamPort, View, ViewPort
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.live.rerun_view import LOOPBACK
-from softfuse.hardware.live.session import Session
-from softfuse.hardware.live.words import told
+from softfuse.hardware.live.session import Session, told
 from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.stream import HostClock

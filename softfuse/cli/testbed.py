@@ -10,12 +10,11 @@ from softfuse.cli.options import Quiet
 from softfuse.cli.progress import tracked
 from softfuse.cli.sources import session_info
 from softfuse.cli.terminal import say, stderr, termination_interrupts
-from softfuse.hardware.stage.firmware import Firmware, open_stage
+from softfuse.hardware.stage.gcode import Firmware, open_stage
 from softfuse.hardware.stream import HostClock, Notice
-from softfuse.hardware.testbed.gathering import ForceAxis
-from softfuse.hardware.testbed.plan import moves, places_wanted, planned
+from softfuse.hardware.testbed.gathering import ForceAxis, Gathering
+from softfuse.hardware.testbed.plan import moves, places_wanted, planned, press
 from softfuse.hardware.testbed.procedure import PressSettings
-from softfuse.hardware.testbed.sensors import Sensors
 from softfuse.robot.file import load
 
 _USUAL = PressSettings()
@@ -63,7 +62,7 @@ def testbed(
 ) -> None:
     """Press a body with a stage at places and force levels, record everything; goes on where it stopped."""
     settings, axis = load(config), ForceAxis(force_channel, force_sign)
-    press = PressSettings.of(
+    how = PressSettings.of(
         force or (),
         force_limit,
         depth_limit=1e-3 * depth_limit,
@@ -75,21 +74,21 @@ def testbed(
         rest=rest,
     )
     x, y, z = (1e-3 * value for value in origin)
-    plan = planned(places_wanted(settings, places_in, places), out, (x, y, z), press)
+    plan = planned(places_wanted(settings, places_in, places), out, (x, y, z), how)
     if dry_run:
         say(*moves(plan))
         return
     if not plan.places:
         say(f"all {plan.wanted} places are pressed already", quiet=quiet)
         return
-    sensors = Sensors(settings, axis, HostClock(), tell=_tell)
+    gathering = Gathering(settings, axis, HostClock(), tell=_tell)
     stage_of = partial(open_stage, stage, stage_baud, firmware, plan.workspace)
     info_of = partial(session_info, settings, settings.sources, estimates={})
-    with termination_interrupts(), sensors.recording(stage_of, out, info_of) as opened:
-        presses = sensors.press(opened, plan, home=home)
+    with termination_interrupts(), gathering.recording(stage_of, out, info_of) as opened:
+        presses = press(plan, gathering, opened, home=home)
         for done in tracked(presses, "pressing", total=len(plan.places), quiet=quiet):
             say(str(done), quiet=quiet)
-    say(f"recorded to {sensors.written}", quiet=quiet)
+    say(f"recorded to {gathering.written}", quiet=quiet)
 
 
 def _tell(notice: Notice) -> None:

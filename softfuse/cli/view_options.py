@@ -28,6 +28,6 @@ def opened_view(
     shown = RerunView(
         live.scene, save=save, serve=view, bind=bind, page_port=page_port, stream_port=stream_port
     )
-    if shown.server is not None:
-        say(f"live view: {shown.server.page}")
+    if shown.page is not None:
+        say(f"live view: {shown.page}")
     return shown

@@ -15,12 +15,11 @@ from softfuse.cli.terminal import say, termination_interrupts
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.performance import shown
 from softfuse.hardware.stream import HostClock
-from softfuse.hardware.virtual.board_clock import BoardClock
+from softfuse.hardware.virtual.board import BoardClock
 from softfuse.hardware.virtual.boards import BoardChannels, TruthFile, boards_of, line_seed
-from softfuse.hardware.virtual.faults import HELP, parse_faults
-from softfuse.hardware.virtual.line_faults import FaultyLine
-from softfuse.hardware.virtual.outlets import outlets_of, said_of
-from softfuse.hardware.virtual.serving import AsFastAsRead, RealTime, VirtualDevice, VirtualPort
+from softfuse.hardware.virtual.faults import HELP, FaultyLine, parse_faults
+from softfuse.hardware.virtual.ports import outlets_of
+from softfuse.hardware.virtual.serving import VirtualDevice, VirtualPort, as_fast_as_read, in_real_time
 from softfuse.robot.file import load
 
 _USUAL_HZ = 100.0
@@ -71,13 +70,13 @@ def virtual_device(
             VirtualPort(board, FaultyLine(faults.line, line_seed(seed, k)), outlets[k])
             for k, board in enumerate(made)
         ]
-        pace = AsFastAsRead() if rate == _FASTEST else RealTime()
+        pace = as_fast_as_read if rate == _FASTEST else in_real_time
         device = VirtualDevice(ports, pace, outages=faults.outages, plugged=_tell_ports)
         try:
             with termination_interrupts():
                 device.run(for_s)
         finally:
-            say(*map(said_of, ports), quiet=quiet)
+            say(*map(str, ports), quiet=quiet)
 
 
 def _rate(text: str) -> float:

@@ -100,15 +100,6 @@ class DeviceClock:
         self._last_out = self._follow(step, jumped)
         return self._last_out
 
-    def at(self, time_us: int) -> float:
-        """The host's time [s] of a device's time [µs] by the present line, for samples that came late.
-
-        ValueError before the first sample.
-        """
-        if self._first_us is None:
-            raise ValueError("the clock has not been set: stamp a sample first")
-        return self._line((time_us - self._first_us) * 1e-6)
-
     @property
     def report(self) -> ClockReport:
         """Offset, drift and jitter so far."""
@@ -120,13 +111,9 @@ class DeviceClock:
             restarts=self._restarts,
         )
 
-    def _line(self, x: float) -> float:
-        """The host's time of the device's time x since the first sample."""
-        return self._first_s + x + self._intercept + self._slope * x
-
     def _follow(self, step: float, jumped: bool) -> float:
         """The next time to hand out, `step` of the device's time after the last."""
-        line = self._line(self._x)
+        line = self._first_s + self._x + self._intercept + self._slope * self._x
         if step == 0.0:
             return self._last_out
         earliest = float(np.nextafter(self._last_out, np.inf))

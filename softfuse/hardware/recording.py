@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from softfuse.errors import RecordingError
-from softfuse.hardware.table.form import FOUND, TableForm
+from softfuse.hardware.table.form import FOUND
 from softfuse.hardware.table.table import TIME, Table
+from softfuse.robot.recording import RecordingSettings
 from softfuse.sensors.frame_time import clock_of
 
 logger = logging.getLogger(__name__)
@@ -108,7 +109,7 @@ class Recording:
         )
 
 
-def read_recording(path: str | Path, required: Sequence[str], form: TableForm = FOUND) -> Recording:
+def read_recording(path: str | Path, required: Sequence[str], form: RecordingSettings = FOUND) -> Recording:
     """Read a recording from .csv or .csv.gz.
 
     Args: path of the file; required: names of the channels that must be there besides the time; form: how the

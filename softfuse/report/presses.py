@@ -19,10 +19,8 @@ from softfuse.estimation.tracked import Frame
 from softfuse.experiment.accuracy import NOWHERE
 from softfuse.functional.chart import facing
 from softfuse.hardware.recording import Recording, read_recording
-from softfuse.hardware.table.form import TableForm
 from softfuse.report.columns import Columns
 from softfuse.report.truth import Truth
-from softfuse.robot.recording import RecordingSettings
 from softfuse.robot.robot import Robot, require_sensors
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.suite import Observation, SensorSuite
@@ -31,18 +29,13 @@ _AT_ONCE = 1 << 14
 """Frames that are made from the columns side by side."""
 
 
-def table_form(settings: RecordingSettings) -> TableForm:
-    """How recordings are written, as far as the settings tell."""
-    return TableForm(**dict(settings))
-
-
 def read_sensors(settings: RobotSettings, path: Path) -> Recording:
     """A recording of a robot's sensors.
 
     Raises ConfigError for a robot without sensors, RecordingError as `read_recording` does.
     """
     require_sensors(settings)
-    return read_recording(path, list(settings.channels), table_form(settings.recording))
+    return read_recording(path, list(settings.channels), settings.recording)
 
 
 def sensor_frames(settings: RobotSettings, recording: Recording) -> Iterator[Frame]:

@@ -14,17 +14,25 @@ import numpy as np
 import pytest
 
 from softfuse.cli.doctor import findings_table
-from softfuse.hardware.doctor import computing, installed, sources
-from softfuse.hardware.doctor.computing import check_cache, check_devices, check_solvers
-from softfuse.hardware.doctor.finding import Finding
-from softfuse.hardware.doctor.installed import check_requirements
+from softfuse.hardware.doctor import findings, sources
+from softfuse.hardware.doctor.findings import (
+    Finding,
+    check_cache,
+    check_devices,
+    check_requirements,
+    check_solvers,
+)
 from softfuse.hardware.source.listening import Heard
-from softfuse.hardware.source.serial_ports import SerialPort
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
-from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, TextMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.source.port import SerialPort
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
+from softfuse.hardware.wire.message import (
+    DescriptionMessage,
+    Header,
+    SampleMessage,
+    TextMessage,
+    encode,
+    pack,
+)
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.robot.source import SoftfuseSource
 
@@ -161,14 +169,14 @@ def test_a_viewer_that_is_broken_is_a_problem_and_none_is_not(monkeypatch: pytes
         return load
 
     for error, state in ((ModuleNotFoundError("rerun"), "note"), (ImportError("no libGL"), "problem")):
-        monkeypatch.setattr(computing.importlib, "import_module", fail(error))
-        assert computing.check_viewer().state == state
-    monkeypatch.setattr(installed.importlib.metadata, "distribution", _absent)
-    assert installed.check_installed()[-1].state == "problem"
+        monkeypatch.setattr(findings.importlib, "import_module", fail(error))
+        assert findings.check_viewer().state == state
+    monkeypatch.setattr(findings.importlib.metadata, "distribution", _absent)
+    assert findings.check_installed()[-1].state == "problem"
 
 
 def _absent(name: str):
-    raise installed.importlib.metadata.PackageNotFoundError(name)
+    raise findings.importlib.metadata.PackageNotFoundError(name)
 
 
 def test_the_board_of_a_configuration_is_listened_to(

@@ -14,12 +14,9 @@ import pytest
 
 from softfuse.hardware.live.rerun_view import Picture, RerunView
 from softfuse.hardware.record.entries import EstimateEntry
-from softfuse.hardware.record.session_reader import Session, read_session
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
-from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.record.session_reader import RecordedSession
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
+from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode, pack
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz"
@@ -101,11 +98,13 @@ def session(
 
 
 @pytest.fixture(scope="module")
-def recorded(session: Path) -> Session:
-    return read_session(session)
+def recorded(session: Path) -> RecordedSession:
+    return RecordedSession(session)
 
 
-def test_every_sample_is_a_frame_with_its_values(recorded: Session, rows: list[dict[str, str]]) -> None:
+def test_every_sample_is_a_frame_with_its_values(
+    recorded: RecordedSession, rows: list[dict[str, str]]
+) -> None:
     frames = [*recorded.frames()]
     sent = [row for k, row in enumerate(rows) if k not in LOST]
     assert [frame.index for frame in frames] == list(range(len(sent)))
@@ -117,14 +116,16 @@ def test_every_sample_is_a_frame_with_its_values(recorded: Session, rows: list[d
     np.testing.assert_allclose(times - times[0], true - true[0], atol=0.02)
 
 
-def test_the_bytes_the_gap_and_the_configuration_are_there(recorded: Session, coarse: Path) -> None:
+def test_the_bytes_the_gap_and_the_configuration_are_there(recorded: RecordedSession, coarse: Path) -> None:
     assert recorded.complete and recorded.info.config == coarse.read_bytes()
     assert sum(len(chunk.data) for chunk in recorded.chunks()) > 100 * FRAMES
     told = [notice.text for notice in recorded.notices()]
     assert f"device 0: {len(LOST)} samples lost before sample {LOST.stop}" in told
 
 
-def test_the_newest_estimates_say_where_and_how_hard(recorded: Session, rows: list[dict[str, str]]) -> None:
+def test_the_newest_estimates_say_where_and_how_hard(
+    recorded: RecordedSession, rows: list[dict[str, str]]
+) -> None:
     estimates = [*recorded.estimates()]
     assert len(estimates) > 20
     assert [e.frame for e in estimates] == sorted({e.frame for e in estimates})
@@ -137,7 +138,9 @@ def test_the_newest_estimates_say_where_and_how_hard(recorded: Session, rows: li
     assert all(e.end_to_end_ms is not None and e.end_to_end_ms > 0 for e in estimates)
 
 
-def test_filtered_frames_are_beside_single_ones(recorded: Session, rows: list[dict[str, str]]) -> None:
+def test_filtered_frames_are_beside_single_ones(
+    recorded: RecordedSession, rows: list[dict[str, str]]
+) -> None:
     names = [name for name in recorded.info.estimates if name.startswith("filtered_")]
     assert names == [
         *("filtered_x_mm", "filtered_y_mm", "filtered_z_mm", "filtered_force_N"),
@@ -163,7 +166,7 @@ def test_filtered_frames_are_beside_single_ones(recorded: Session, rows: list[di
 
 
 def test_estimates_are_converted_with_what_frames_say_together(
-    code_of: Callable[..., int], tmp_path: Path, session: Path, recorded: Session
+    code_of: Callable[..., int], tmp_path: Path, session: Path, recorded: RecordedSession
 ) -> None:
     table = tmp_path / "estimates.csv"
     assert code_of("convert", "--estimates", session, table, "--quiet") == 0
@@ -179,7 +182,7 @@ def test_estimates_are_converted_with_what_frames_say_together(
 def test_a_replay_gives_the_same_numbers_to_the_last_bit(
     code_of: Callable[..., int],
     session: Path,
-    recorded: Session,
+    recorded: RecordedSession,
     speed: tuple[str, ...],
     capsys: pytest.CaptureFixture[str],
 ) -> None:

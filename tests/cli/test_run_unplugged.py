@@ -6,16 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from served import Served
 
 from softfuse.experiment.performance import Programme
-from softfuse.hardware.record.session_reader import Session, read_session
-from softfuse.hardware.virtual.board import VirtualBoard
-from softfuse.hardware.virtual.board_clock import BoardClock
-from softfuse.hardware.virtual.line_faults import FaultyLine, LineFaults
-from softfuse.hardware.virtual.pseudo_terminal import PseudoTerminal
-from softfuse.hardware.virtual.serving import Outages, RealTime, VirtualDevice, VirtualPort
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
+from softfuse.hardware.record.session_reader import RecordedSession
+from softfuse.hardware.virtual.board import BoardClock, VirtualBoard
+from softfuse.hardware.virtual.faults import FaultyLine, LineFaults, Outages
+from softfuse.hardware.virtual.ports import PseudoTerminal
+from softfuse.hardware.virtual.serving import VirtualPort
+from softfuse.hardware.wire.description import Channel, Description, RawType
 from softfuse.report.live import LiveEstimates
 from softfuse.robot.file import load
 from softfuse.robot.settings import RobotSettings
@@ -43,7 +42,7 @@ def powered(request: pytest.FixtureRequest) -> bool:
 @pytest.fixture(scope="module")
 def recorded(
     powered: bool, code_of: Callable[..., int], tmp_path_factory: pytest.TempPathFactory, coarse: Path
-) -> Session:
+) -> RecordedSession:
     """Two boards with clocks of their own; every channel says the true time [s] since they began."""
     settings = load(coarse)
     folder = tmp_path_factory.mktemp("session")
@@ -59,7 +58,7 @@ def recorded(
         ):
             readings = np.tile(np.linspace(0.0, 600.0, 601)[:, None], len(names))
             ports.append(port_of(number, Programme(1.0, names, readings, {}), rate_Hz, drift))
-        device = VirtualDevice(ports, RealTime(), outages=Outages(AWAY_S, EVERY_S, powered))
+        device = Served(ports, outages=Outages(AWAY_S, EVERY_S, powered))
 
         built = LiveEstimates.built
 
@@ -72,11 +71,11 @@ def recorded(
         urls = [argument for port in ports for argument in ("--port", port.urls[0])]
         assert code_of("run", coarse, *urls, "--record", "s.mcap", "--for", LENGTH_S) == 0
         device.stop()
-    return read_session(folder / "s.mcap")
+    return RecordedSession(folder / "s.mcap")
 
 
 @pytest.fixture(scope="module")
-def frames(recorded: Session) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def frames(recorded: RecordedSession) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Time [s] of each frame, and what an electrode and a flow of it say [s], NaN where nothing."""
     found = [*recorded.frames()]
     columns = [recorded.info.channels.index(name) for name in ("row0", "flow0_V")]
@@ -107,7 +106,7 @@ def test_both_boards_are_on_one_clock(frames: tuple[np.ndarray, ...]) -> None:
 
 
 def test_every_outage_and_every_lost_sample_is_recorded(
-    recorded: Session, powered: bool, frames: tuple[np.ndarray, ...]
+    recorded: RecordedSession, powered: bool, frames: tuple[np.ndarray, ...]
 ) -> None:
     told = [notice for notice in recorded.notices()]
     for source in (0, 1):

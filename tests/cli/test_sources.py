@@ -1,23 +1,19 @@
 """What the configuration says of sources is what the drivers do."""
 
-import inspect
 from typing import get_args
 
 import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from softfuse.errors import HardwareError
+from softfuse.errors import HardwareError, WireError
 from softfuse.hardware.source.ati_net_ft import AtiNetFt
-from softfuse.hardware.source.bota_serial import BotaSerial
 from softfuse.hardware.source.configured import connection_of, driver_of, open_port_of
-from softfuse.hardware.source.driver import AbstractDriver
-from softfuse.hardware.source.robotous_rft import RATES, RobotousRft
+from softfuse.hardware.source.serial_force_torque import RATES, BotaSerial, RobotousRft
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.source.text_lines import PRESETS, TextLines
-from softfuse.hardware.source.wrench import WRENCH
 from softfuse.hardware.stream import HostClock
-from softfuse.robot.source import AnySource, AtiNetFtSource, BotaSource, Preset, RobotousRftSource
+from softfuse.robot.source import AnySource, AtiNetFtSource, BotaSource, Preset
 
 SETTINGS = TypeAdapter(AnySource)
 NAMES = ("a_N", "b_N", "c_N", "d_Nm", "e_Nm", "f_Nm")
@@ -56,17 +52,16 @@ def test_the_presets_are_those_of_the_drivers():
         assert isinstance(driver_of(made), TextLines)
 
 
-def test_the_defaults_and_rates_are_those_of_the_drivers():
-    defaults = inspect.signature(RobotousRft).parameters
-    made = source(driver="robotous-rft", url="COM1")
-    assert isinstance(made, RobotousRftSource)
-    assert made.counts_per_newton == defaults["counts_per_force"].default
-    assert made.counts_per_newton_metre == defaults["counts_per_torque"].default
-    assert made.channels == WRENCH
+def test_the_rates_are_those_of_the_driver():
     for rate in RATES:
-        assert isinstance(
-            driver_of(source(driver="robotous-rft", url="COM1", rate=f"{rate} Hz")), AbstractDriver
-        )
+        made = source(driver="robotous-rft", url="COM1", rate=f"{rate} Hz")
+        assert driver_of(made).greeting()[1][2] == RATES[rate]
+
+
+@pytest.mark.parametrize("name", ["f\n", "a,b", ""])
+def test_names_that_no_recording_can_have_are_told(name):
+    with pytest.raises(WireError, match="name"):
+        driver_of(source(driver="bota", url="COM1", channels=("a", "b", "c", "d", "e", name)))
 
 
 def test_settings_reach_the_drivers():

@@ -17,8 +17,7 @@ from softfuse.experiment import equilibria, performance
 from softfuse.experiment.episodes import Episode
 from softfuse.experiment.virtual_robot import MakingErrors, VirtualRobot
 from softfuse.hardware.wire.decoder import Decoder
-from softfuse.hardware.wire.message import EVERY_DEVICE, AskMessage, Header, SampleMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.wire.message import EVERY_DEVICE, AskMessage, Header, SampleMessage, encode, pack
 from softfuse.robot.file import parse
 from softfuse.robot.robot import build_robot
 from softfuse.robot.settings import RobotSettings

@@ -5,9 +5,7 @@ from collections.abc import Callable
 import pytest
 from hypothesis import strategies as st
 
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
 from softfuse.hardware.wire.message import (
     AskMessage,
     DescriptionMessage,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softfuse.hardware.live.assembler import MOST_WAITING, PATIENCE_S, Assembler
+from softfuse.hardware.live.pipeline import MOST_WAITING, PATIENCE_S, Assembler
 
 WANTED = ("a", "b", "c")
 

@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from softfuse.errors import RecordingError
-from softfuse.hardware.record import parquet
+from softfuse.hardware.record import convert
 from softfuse.hardware.record.convert import convert_estimates, convert_frames
 from softfuse.hardware.record.entries import EstimateEntry, FrameEntry, SessionInfo, SourceInfo
-from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.record.session_writer import SessionWriter
 from softfuse.hardware.recording import read_recording
 from softfuse.hardware.stream import Chunk
@@ -38,16 +38,16 @@ def session(path, rows, *, indices=None):
     )
     with SessionWriter(path, info) as writer:
         for i, (at, *values) in zip(indices or range(len(rows)), rows, strict=True):
-            writer.chunk(Chunk(0, START_S, b"raw"))
-            writer.frame(FrameEntry(i, at, np.array(values, dtype=float)))
+            writer.add(Chunk(0, START_S, b"raw"))
+            writer.add(FrameEntry(i, at, np.array(values, dtype=float)))
             fields = {"force_N": 0.1 * i, "contacts": i % 2, "where": "left, 2" if i else None}
-            writer.estimate(EstimateEntry(i, at, START_S, fields, ("ok", "late")[:i], 1.25, None, i + 1))
+            writer.add(EstimateEntry(i, at, START_S, fields, ("ok", "late")[:i], 1.25, None, i + 1))
     return path
 
 
 def bits(path):
     """Time and values of a session's frames as 64 bit patterns, NaN being one."""
-    rows = np.array([[frame.time_s, *frame.values] for frame in read_session(path).frames()])
+    rows = np.array([[frame.time_s, *frame.values] for frame in RecordedSession(path).frames()])
     return np.where(np.isnan(rows), np.nan, rows).tobytes()
 
 
@@ -74,9 +74,9 @@ def test_every_number_goes_all_the_way_round(tmp_path, route):
     for source, target in pairwise(paths):
         assert convert_frames(source, target) == len(ROWS)
     assert bits(paths[-1]) == bits(paths[0])
-    info = read_session(paths[-1]).info
+    info = RecordedSession(paths[-1]).info
     assert info.channels == CHANNELS and info.command == f"convert {paths[-2].name}"
-    assert [frame.index for frame in read_session(paths[-1]).frames()] == [0, 1, 2, 3]
+    assert [frame.index for frame in RecordedSession(paths[-1]).frames()] == [0, 1, 2, 3]
 
 
 @settings(max_examples=40)
@@ -103,7 +103,7 @@ def test_a_csv_goes_through_a_session_and_comes_back_the_same(tmp_path):
 def test_a_csv_with_spoilt_rows_keeps_what_can_be_read(tmp_path):
     (tmp_path / "a.csv").write_text("time_s,a,b\n0.1,1,2\n0.2,x,4\n0.3,5\n")
     assert convert_frames(tmp_path / "a.csv", tmp_path / "b.mcap") == 3
-    values = np.array([frame.values for frame in read_session(tmp_path / "b.mcap").frames()])
+    values = np.array([frame.values for frame in RecordedSession(tmp_path / "b.mcap").frames()])
     np.testing.assert_array_equal(values, [[1, 2], [np.nan, 4], [np.nan, np.nan]])
 
 
@@ -118,7 +118,7 @@ def test_gaps_in_the_numbers_of_frames_are_kept_by_parquet(tmp_path):
     session(tmp_path / "a.mcap", ROWS, indices=[3, 4, 90, 91])
     convert_frames(tmp_path / "a.mcap", tmp_path / "b.parquet")
     convert_frames(tmp_path / "b.parquet", tmp_path / "c.mcap")
-    assert [frame.index for frame in read_session(tmp_path / "c.mcap").frames()] == [3, 4, 90, 91]
+    assert [frame.index for frame in RecordedSession(tmp_path / "c.mcap").frames()] == [3, 4, 90, 91]
 
 
 def test_parquet_holds_floats_with_nulls_compressed_by_zstd(tmp_path):
@@ -130,7 +130,7 @@ def test_parquet_holds_floats_with_nulls_compressed_by_zstd(tmp_path):
 
 
 def test_tables_longer_than_a_batch_stay_in_order(tmp_path, monkeypatch):
-    monkeypatch.setattr(parquet, "_CELLS", 40)
+    monkeypatch.setattr(convert, "_CELLS", 40)
     rows = [[0.01 * i, float(i), -float(i)] for i in range(95)]
     convert_frames(session(tmp_path / "a.mcap", rows), tmp_path / "b.parquet")
     convert_frames(tmp_path / "b.parquet", tmp_path / "c.mcap")

@@ -9,9 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
 from softfuse.hardware.wire.message import (
     AskMessage,
     DescriptionMessage,
@@ -19,8 +17,8 @@ from softfuse.hardware.wire.message import (
     SampleMessage,
     TextMessage,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 
 FIRMWARE = Path(__file__).parents[2] / "scripts" / "firmware"
 HARNESS = Path(__file__).parent / "firmware" / "wire_harness.c"

@@ -17,8 +17,8 @@ from softfuse.hardware.wire.message import (
     SampleMessage,
     TextMessage,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 from softfuse.hardware.wire.sequence import Arrival, SequenceWatch
 
 ROOT = Path(__file__).parents[2]

@@ -4,8 +4,8 @@ import threading
 
 import numpy as np
 
-from softfuse.hardware.live.assembler import Assembled
-from softfuse.hardware.live.frame_queue import FrameQueue
+from softfuse.hardware.live.pipeline import Assembled
+from softfuse.hardware.live.session import FrameQueue
 
 
 def frame(k: int) -> Assembled:

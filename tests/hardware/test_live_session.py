@@ -16,17 +16,13 @@ from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.hardware.live.pipeline import Pipeline
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.live.replay import Comparison, Replay
-from softfuse.hardware.live.session import Published, Session
-from softfuse.hardware.live.words import besides_samples
+from softfuse.hardware.live.session import Published, Session, besides_samples
 from softfuse.hardware.record.entries import SessionInfo, SourceInfo
-from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.stream import Chunk, HostClock
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
-from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
+from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode, pack
 from softfuse.mechanics.solution import State
 from softfuse.sensors.status import Status
 
@@ -106,7 +102,7 @@ def test_what_a_slow_estimator_never_saw_is_counted_and_recorded(tmp_path: Path)
     assert report.frames == 2000 and report.overruns > 1000
     assert report.sensed + report.overruns == 2000 and follower.sensed[-1] == 1999
     assert follower.sensed == sorted(set(follower.sensed))
-    recorded = read_session(tmp_path / "s.mcap")
+    recorded = RecordedSession(tmp_path / "s.mcap")
     assert [f.values[0] for f in recorded.frames()] == list(range(2000)), "the recorder gets all"
     assert [e.frame for e in recorded.estimates()] == follower.estimated
     assert sum(e.sensed or 0 for e in recorded.estimates()) == report.sensed

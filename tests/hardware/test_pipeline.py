@@ -3,15 +3,11 @@
 import numpy as np
 import pytest
 
-from softfuse.hardware.live.assembler import Assembled
-from softfuse.hardware.live.pipeline import Pipeline
+from softfuse.hardware.live.pipeline import Assembled, Pipeline
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.stream import Chunk
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
-from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
+from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode, pack
 
 START_S = 1.7e9
 

@@ -13,7 +13,7 @@ import pytest
 from softfuse.errors import RecordingError
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.record.entries import FrameEntry, SessionInfo, SourceInfo
-from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 
 INFO = SessionInfo(device="d", channels=("a",), sources=(SourceInfo("loop://", "softfuse"),))
@@ -27,7 +27,7 @@ def test_everything_is_in_the_file_in_order(tmp_path: Path) -> None:
         recorder.put(FrameEntry(k, 1e9 + k, np.array([float(k)])))
     recorder.put(Notice(1e9, None, "info", "done"))
     recorder.close()
-    session = read_session(tmp_path / "s.mcap")
+    session = RecordedSession(tmp_path / "s.mcap")
     assert session.complete and told == [] and recorder.lost == 0
     assert [c.data[0] for c in session.chunks()] == [k % 256 for k in range(500)]
     assert [f.values[0] for f in session.frames()] == list(range(500))
@@ -38,9 +38,9 @@ def test_it_is_on_the_disk_before_it_is_closed(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "s.mcap", INFO, HostClock(), lambda notice: None)
     recorder.put(FrameEntry(0, 1e9, np.array([7.0])))
     deadline = time.monotonic() + 20.0
-    while not [*read_session(tmp_path / "s.mcap").frames()] and time.monotonic() < deadline:
+    while not [*RecordedSession(tmp_path / "s.mcap").frames()] and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert [f.values[0] for f in read_session(tmp_path / "s.mcap").frames()] == [7.0]
+    assert [f.values[0] for f in RecordedSession(tmp_path / "s.mcap").frames()] == [7.0]
     recorder.close()
 
 
@@ -90,7 +90,7 @@ def test_a_full_disk_stalls_nothing_is_told_and_another_file_goes_on(tmp_path: P
     assert found["told"][1][0] == "warning" and "s-2.mcap" in found["told"][1][1]
     assert found["longest"] < 1.0
     sessions = [
-        read_session(path) for path in sorted(tmp_path.glob("*.mcap"), key=lambda p: p.stat().st_mtime)
+        RecordedSession(path) for path in sorted(tmp_path.glob("*.mcap"), key=lambda p: p.stat().st_mtime)
     ]
     assert len(sessions) >= 2
     indices = [frame.index for session in sessions for frame in session.frames()]

@@ -124,13 +124,13 @@ def test_a_browser_draws_it(served: tuple[RerunView, Path, int, int]) -> None:
     from selenium.webdriver.chrome.options import Options
 
     view = served[0]
-    assert view.server is not None
+    assert view.page is not None
     options = Options()
     for argument in BROWSER:
         options.add_argument(argument)
     browser = webdriver.Chrome(options=options)
     try:
-        browser.get(view.server.page)
+        browser.get(view.page)
         deadline, drawn = time.monotonic() + 90.0, np.zeros((1, 1, 3))
         while time.monotonic() < deadline:
             time.sleep(1.0)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.record.session_reader import RecordedSession
 
 PACKAGE = Path(__file__).parents[2]
 HEAD = """
@@ -27,9 +27,9 @@ info = SessionInfo(device="pad", channels=names, estimates={"force_N": "number"}
 noise = np.random.default_rng(0)
 
 def write(writer, i, at):
-    writer.chunk(Chunk(0, at, noise.bytes(80)))
-    writer.frame(FrameEntry(i, at, noise.normal(size=20)))
-    writer.estimate(EstimateEntry(i, at, at, {"force_N": 1.0 * i}, ("ok",), 1.0, 2.0))
+    writer.add(Chunk(0, at, noise.bytes(80)))
+    writer.add(FrameEntry(i, at, noise.normal(size=20)))
+    writer.add(EstimateEntry(i, at, at, {"force_N": 1.0 * i}, ("ok",), 1.0, 2.0))
 """
 LIVE = """
 clock = HostClock()
@@ -87,7 +87,7 @@ def test_after_kill_9_all_but_the_last_second_is_there(tmp_path):
         written = [(int(i), float(at)) for i, at in (line.split() for line in out.splitlines()[:-1])]
         last = written[-1][1]
         due = [i for i, at in written if at < last - 1.0]
-        session = read_session(path)
+        session = RecordedSession(path)
         frames = list(session.frames())
         assert not session.complete and session.unreadable == 0 and len(due) > 20
         assert [frame.index for frame in frames] == list(range(len(frames)))
@@ -104,7 +104,7 @@ def test_a_full_disk_is_told_and_what_was_written_before_stays(tmp_path):
     assert (process.returncode, err) == (0, "")
     told = json.loads(out)
     assert told["errors"] == [errno.EFBIG] * 3 and told["flushed"] >= 100
-    session = read_session(path)
+    session = RecordedSession(path)
     found = list(session.frames())
     assert path.stat().st_size <= 400_000
     assert not session.complete and session.cut_bytes == 0 and session.unreadable == 0

@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 from softfuse.errors import RecordingError
 from softfuse.hardware.record.entries import EstimateEntry, FrameEntry, SessionInfo, SourceInfo
-from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.record.session_writer import FORMAT, SessionWriter
 from softfuse.hardware.stream import Chunk, Notice
 
@@ -47,11 +47,6 @@ def entries(count):
             yield Notice(at, None if i else 0, "warning", f"gap of {i}")
 
 
-def add(writer, entry):
-    kinds = {Chunk: "chunk", FrameEntry: "frame", EstimateEntry: "estimate", Notice: "notice"}
-    getattr(writer, kinds[type(entry)])(entry)
-
-
 def plain(entry):
     """What can be compared bit for bit."""
     if isinstance(entry, FrameEntry):
@@ -65,14 +60,14 @@ def whole(tmp_path_factory):
     path = tmp_path_factory.mktemp("session") / "a.mcap"
     with SessionWriter(path, INFO) as writer:
         for k, entry in enumerate(entries(60)):
-            add(writer, entry)
+            writer.add(entry)
             if k % 40 == 39:
                 writer.flush()
     return path
 
 
 def test_everything_comes_back_bit_for_bit_in_the_order_of_writing(whole):
-    session = read_session(whole)
+    session = RecordedSession(whole)
     assert session.info == INFO
     assert (session.complete, session.cut_bytes, session.unreadable) == (True, 0, 0)
     assert list(map(plain, session.entries())) == list(map(plain, entries(60)))
@@ -90,10 +85,10 @@ def test_any_numbers_and_bytes_come_back(tmp_path_factory, rows, blocks):
     path = tmp_path_factory.mktemp("any") / "a.mcap"
     with SessionWriter(path, SessionInfo(channels=("a", "b"), sources=(SourceInfo("", ""),))) as writer:
         for i, (at, *values) in enumerate(rows):
-            writer.frame(FrameEntry(i, at, np.array(values)))
+            writer.add(FrameEntry(i, at, np.array(values)))
         for data in blocks:
-            writer.chunk(Chunk(0, START_S, data))
-    session = read_session(path)
+            writer.add(Chunk(0, START_S, data))
+    session = RecordedSession(path)
     found = [[frame.time_s, *frame.values] for frame in session.frames()]
     np.testing.assert_array_equal(np.reshape(found, (-1, 3)), np.reshape(rows, (-1, 3)))
     signs = [math.copysign(1, x) for row in found for x in row if x == 0]
@@ -107,7 +102,7 @@ def test_cut_at_any_byte_it_is_read_as_far_as_it_goes(whole, tmp_path):
     path, most = tmp_path / "cut.mcap", 0
     for size in [*range(1200), *range(1200, len(data), 37), *range(len(data) - 200, len(data))]:
         path.write_bytes(data[:size])
-        session = read_session(path)
+        session = RecordedSession(path)
         found = list(map(plain, session.entries()))
         assert found == expected[: len(found)] and session.unreadable == 0
         assert not session.complete and 0 <= session.cut_bytes <= size
@@ -121,11 +116,11 @@ def test_the_bytes_that_were_cut_are_counted(whole, tmp_path, caplog):
     path = tmp_path / "cut.mcap"
     data = whole.read_bytes()
     path.write_bytes(data[:-1])
-    assert read_session(path).cut_bytes == 7
+    assert RecordedSession(path).cut_bytes == 7
     path.write_bytes(data + b"\0" * 100)
-    assert read_session(path).complete
+    assert RecordedSession(path).complete
     path.write_bytes(data[: first_chunk(data)] + bytes(4096))
-    assert read_session(path).cut_bytes == 4096
+    assert RecordedSession(path).cut_bytes == 4096
     assert "was not closed" in caplog.text
 
 
@@ -140,13 +135,13 @@ def test_another_kind_of_file_is_refused(tmp_path, data, told):
     path = tmp_path / "a.mcap"
     path.write_bytes(data)
     with pytest.raises(RecordingError, match=told):
-        read_session(path)
+        RecordedSession(path)
 
 
 def test_a_file_that_is_not_there_and_a_folder_are_refused(tmp_path):
     for path in (tmp_path / "no.mcap", tmp_path):
         with pytest.raises(RecordingError, match="cannot open"):
-            read_session(path)
+            RecordedSession(path)
 
 
 def foreign(path, profile, metadata, messages=(), topics=("/frame",), compression=CompressionType.ZSTD):
@@ -180,7 +175,7 @@ def foreign(path, profile, metadata, messages=(), topics=("/frame",), compressio
 )
 def test_a_file_that_is_no_session_of_ours_is_refused_and_says_what_it_is(tmp_path, profile, metadata, told):
     with pytest.raises(RecordingError, match=told):
-        read_session(foreign(tmp_path / "a.mcap", profile, metadata))
+        RecordedSession(foreign(tmp_path / "a.mcap", profile, metadata))
 
 
 @pytest.mark.parametrize(
@@ -205,20 +200,20 @@ def test_a_file_that_is_no_session_of_ours_is_refused_and_says_what_it_is(tmp_pa
 def test_an_entry_that_is_none_is_counted_and_the_rest_is_read(tmp_path, data, compression):
     good = b'{"index": 7, "time_s": 1, "a": 2}'
     path = foreign(tmp_path / "a.mcap", "x-softfuse", ABOUT, [good, data, good], compression=compression)
-    session = read_session(path)
+    session = RecordedSession(path)
     assert [frame.index for frame in session.frames()] == [7, 7] and session.unreadable == 1
 
 
 @pytest.mark.parametrize("value", [b'"3"', b"null", b"true", b"1e999", b"[1]", b"1" + b"0" * 400])
 def test_a_value_that_is_no_number_is_missing(tmp_path, value):
     data = b'{"index": 0, "time_s": 1, "a": %s, "b": 3}' % value
-    (frame,) = read_session(foreign(tmp_path / "a.mcap", "x-softfuse", ABOUT, [data])).frames()
+    (frame,) = RecordedSession(foreign(tmp_path / "a.mcap", "x-softfuse", ABOUT, [data])).frames()
     assert frame.time_s == 1.0 and math.isnan(frame.values[0])
 
 
 def test_topics_of_others_are_left_alone(tmp_path):
     topics = ("/tf", "/frame", "/source/01/bytes", "/source/\u0663/bytes")
-    session = read_session(foreign(tmp_path / "a.mcap", "x-softfuse", ABOUT, [b"?"], topics))
+    session = RecordedSession(foreign(tmp_path / "a.mcap", "x-softfuse", ABOUT, [b"?"], topics))
     assert list(session.entries()) == [] and session.unreadable == 0
 
 
@@ -254,7 +249,7 @@ def test_a_hostile_chunk_is_counted_and_costs_little_memory(whole, tmp_path, nam
     path.write_bytes(data[:begin] + HOSTILE[name] + data[begin:])
     tracemalloc.start()
     try:
-        session = read_session(path)
+        session = RecordedSession(path)
         found = list(map(plain, session.entries()))
         peak = tracemalloc.get_traced_memory()[1]
     finally:
@@ -285,7 +280,7 @@ def test_a_record_that_tells_to_be_longer_than_the_file_ends_it(whole, tmp_path,
     begin = first_chunk(data)
     path = tmp_path / "a.mcap"
     path.write_bytes(data[:begin] + struct.pack("<BQ", opcode, length) + data[begin:])
-    session = read_session(path)
+    session = RecordedSession(path)
     assert not session.complete and list(session.entries()) == [] and session.info == INFO
 
 
@@ -294,7 +289,7 @@ def test_a_damaged_chunk_loses_its_own_entries_only(whole, tmp_path, caplog):
     data[first_chunk(data) + 200] ^= 1
     path = tmp_path / "a.mcap"
     path.write_bytes(data)
-    session = read_session(path)
+    session = RecordedSession(path)
     found = list(map(plain, session.entries()))
     expected = list(map(plain, entries(60)))
     assert session.complete and session.unreadable == 1 and "is damaged" in caplog.text
@@ -306,7 +301,7 @@ def test_without_its_first_chunk_and_its_end_a_session_tells_that_it_cannot_be_r
     begin, end = first(data, 6)
     path = tmp_path / "a.mcap"
     path.write_bytes(data[:begin] + data[end : first(data, 15)[0]])
-    session = read_session(path)
+    session = RecordedSession(path)
     assert list(session.entries()) == [] and session.unreadable == len(list(entries(60))) - 40
 
 
@@ -331,7 +326,7 @@ def test_2000_damaged_files_raise_nothing_else(whole, tmp_path):
             del damaged[end:]
         path.write_bytes(damaged)
         try:
-            list(read_session(path).entries())
+            list(RecordedSession(path).entries())
             read += 1
         except RecordingError as error:
             refused += 1

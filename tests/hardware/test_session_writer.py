@@ -19,7 +19,7 @@ from mcap.stream_reader import StreamReader
 from softfuse.errors import RecordingError
 from softfuse.hardware.record import session_writer
 from softfuse.hardware.record.entries import EstimateEntry, FrameEntry, SessionInfo, SourceInfo
-from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.record.session_writer import SessionWriter, nanoseconds
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 
@@ -44,11 +44,11 @@ CHECKS = {
 def write(writer, i):
     """What one frame of a live session adds."""
     at = START_S + 0.01 * i
-    writer.chunk(Chunk(i % 2, at, bytes([i % 256, 0, 255]) * 20))
+    writer.add(Chunk(i % 2, at, bytes([i % 256, 0, 255]) * 20))
     values = np.array([0.5 + 1e-3 * math.sin(i), 20000.0 + i, math.nan if i % 3 else 1 / 3])
-    writer.frame(FrameEntry(i, at, values))
+    writer.add(FrameEntry(i, at, values))
     fields = {"force_N": 0.1 * i, "contacts": 1, "where": "left 2" if i % 2 else None}
-    writer.estimate(EstimateEntry(i, at, at + 0.002, fields, ("ok", "late"), 1.5, math.nan, 1))
+    writer.add(EstimateEntry(i, at, at + 0.002, fields, ("ok", "late"), 1.5, math.nan, 1))
 
 
 def obeys(value, schema):
@@ -72,8 +72,8 @@ def path(tmp_path):
     with SessionWriter(found, INFO) as writer:
         for i in range(200):
             write(writer, i)
-        writer.notice(Notice(START_S, 1, "warning", "lost \x1b[31m"))
-        writer.notice(Notice(START_S, None, "info", "closed"))
+        writer.add(Notice(START_S, 1, "warning", "lost \x1b[31m"))
+        writer.add(Notice(START_S, None, "info", "closed"))
     return found
 
 
@@ -158,9 +158,9 @@ def test_half_a_second_after_it_was_added_an_entry_is_on_disk(tmp_path, monkeypa
             if i == 40:
                 assert path.stat().st_size == head
             if i >= 51:
-                assert len(list(read_session(path).frames())) >= i - 50
+                assert len(list(RecordedSession(path).frames())) >= i - 50
         writer.flush()
-        found = read_session(path)
+        found = RecordedSession(path)
         assert len(list(found.frames())) == 500 and not found.complete and found.cut_bytes == 0
 
 
@@ -181,18 +181,18 @@ def test_what_does_not_belong_to_the_session_is_refused_and_the_rest_goes_on(tmp
     at = START_S
     with SessionWriter(tmp_path / "a.mcap", INFO) as writer:
         for wrong in (
-            lambda: writer.chunk(Chunk(2, at, b"")),
-            lambda: writer.chunk(Chunk(-1, at, b"")),
-            lambda: writer.frame(FrameEntry(0, at, np.zeros(2))),
-            lambda: writer.estimate(EstimateEntry(0, at, at, {"nothing": 1.0})),
-            lambda: writer.estimate(EstimateEntry(0, at, at, {"force_N": "much"})),
-            lambda: writer.estimate(EstimateEntry(0, at, at, {"where": 1.0})),
-            lambda: writer.notice(Notice(at, None, "info", "x" * (1 << 20))),
+            lambda: writer.add(Chunk(2, at, b"")),
+            lambda: writer.add(Chunk(-1, at, b"")),
+            lambda: writer.add(FrameEntry(0, at, np.zeros(2))),
+            lambda: writer.add(EstimateEntry(0, at, at, {"nothing": 1.0})),
+            lambda: writer.add(EstimateEntry(0, at, at, {"force_N": "much"})),
+            lambda: writer.add(EstimateEntry(0, at, at, {"where": 1.0})),
+            lambda: writer.add(Notice(at, None, "info", "x" * (1 << 20))),
         ):
             with pytest.raises(ValueError):
                 wrong()
         write(writer, 0)
-    assert len(list(read_session(tmp_path / "a.mcap").entries())) == 3
+    assert len(list(RecordedSession(tmp_path / "a.mcap").entries())) == 3
     writer.close()
     with pytest.raises(ValueError, match="is closed"):
         write(writer, 1)
@@ -218,16 +218,16 @@ def test_a_frame_without_time_or_before_the_epoch_keeps_its_place(tmp_path):
     times = [0.01, math.nan, -3.0, 1e300, 0.02]
     with SessionWriter(tmp_path / "a.mcap", SessionInfo(channels=("a",))) as writer:
         for i, at in enumerate(times):
-            writer.frame(FrameEntry(i, at, np.array([1.0])))
-    found = list(read_session(tmp_path / "a.mcap").frames())
+            writer.add(FrameEntry(i, at, np.array([1.0])))
+    found = list(RecordedSession(tmp_path / "a.mcap").frames())
     np.testing.assert_array_equal([frame.time_s for frame in found], times)
 
 
 def test_text_with_half_a_surrogate_pair_does_not_stop_the_session(tmp_path):
     info = SessionInfo(command="run caf\udce9.toml", channels=("a",))
     with SessionWriter(tmp_path / "a.mcap", info) as writer:
-        writer.notice(Notice(START_S, None, "info", "bad \ud800"))
-    (notice,) = read_session(tmp_path / "a.mcap").notices()
+        writer.add(Notice(START_S, None, "info", "bad \ud800"))
+    (notice,) = RecordedSession(tmp_path / "a.mcap").notices()
     assert notice.text == "bad ?"
 
 
@@ -252,7 +252,7 @@ def test_the_reader_of_the_viewer_finds_no_fault(tmp_path):
     with SessionWriter(tmp_path / "a.mcap", INFO) as writer:
         for i in range(100):
             write(writer, i)
-        writer.notice(Notice(START_S, 0, "info", "open"))
+        writer.add(Notice(START_S, 0, "info", "open"))
     command = [sys.executable, "-m", "rerun", "mcap", "check", "--full", str(tmp_path / "a.mcap")]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -14,8 +14,8 @@ from softfuse.errors import RecordingError
 from softfuse.hardware.record.convert import convert_frames
 from softfuse.hardware.recording import Recording, read_recording
 from softfuse.hardware.table import rows
-from softfuse.hardware.table.form import TableForm
-from softfuse.hardware.table.time_column import time_name
+from softfuse.hardware.table.dialect import time_name
+from softfuse.robot.recording import RecordingSettings
 
 N = 12
 TIME = np.arange(N) / 100
@@ -120,14 +120,17 @@ def test_the_encoding_is_found(tmp_path, encoding, mark):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        (lines("when,a,b", "{ms:.0f},{a},{b}"), TableForm(time="when", time_unit="ms")),
-        (lines("time_s,a,b", "{ms:.0f},{a},{b}"), TableForm(time_unit="ms")),
-        (lines("a,b", "{a},{b}"), TableForm(rate=100.0)),
-        (lines("time_s,a,b", "7,{a},{b}"), TableForm(rate=100.0)),
-        (lines("time_s,P1 [V],P2 [V]", "{t},{a},{b}"), TableForm(columns={"P1 [V]": "a", "P2 [V]": "b"})),
-        (lines("time_s,b,a", "{t},{a},{b}"), TableForm(columns={"a": "b", "b": "a"})),
-        (lines("time_s:a:b", "{t}:{a}:{b}"), TableForm(separator=":")),
-        (comma(lines("time_s;a;b", "{t};{a};{b}")), TableForm(separator=";", decimal=",")),
+        (lines("when,a,b", "{ms:.0f},{a},{b}"), RecordingSettings(time="when", time_unit="ms")),
+        (lines("time_s,a,b", "{ms:.0f},{a},{b}"), RecordingSettings(time_unit="ms")),
+        (lines("a,b", "{a},{b}"), RecordingSettings(rate="100 Hz")),
+        (lines("time_s,a,b", "7,{a},{b}"), RecordingSettings(rate="100 Hz")),
+        (
+            lines("time_s,P1 [V],P2 [V]", "{t},{a},{b}"),
+            RecordingSettings(columns={"P1 [V]": "a", "P2 [V]": "b"}),
+        ),
+        (lines("time_s,b,a", "{t},{a},{b}"), RecordingSettings(columns={"a": "b", "b": "a"})),
+        (lines("time_s:a:b", "{t}:{a}:{b}"), RecordingSettings(separator=":")),
+        (comma(lines("time_s;a;b", "{t};{a};{b}")), RecordingSettings(separator=";", decimal=",")),
     ],
 )
 def test_what_is_told_holds(tmp_path, text, told):
@@ -137,14 +140,18 @@ def test_what_is_told_holds(tmp_path, text, told):
 @pytest.mark.parametrize(
     ("text", "told", "words"),
     [
-        (lines("a,b", "{a},{b}"), TableForm(), ["'time_s'", "it has: a, b", "tell the rate"]),
-        (lines("time_s,b", "{t},{b}"), TableForm(), ["lacks the column 'a'", "time_s, b"]),
-        (lines("time_s,b", "{t},{b}"), TableForm(columns={"P": "a"}), ["lacks the column 'P'"]),
-        (lines("time_s,a,a", "{t},{a},{b}"), TableForm(), ["'a' twice"]),
-        (lines("time_s;a;b", "{t};{a};{b}"), TableForm(separator=","), ["tell the separator"]),
-        (lines("time_s,a", "2026-01-01T00:00:{t},{a}"), TableForm(), ["no numbers in the column 'time_s'"]),
-        (lines("time_s,a", "{t},{a}"), TableForm(layout="long"), ["'id'", "'value'"]),
-        ("PK\x03\x04....", TableForm(), ["export it as CSV"]),
+        (lines("a,b", "{a},{b}"), RecordingSettings(), ["'time_s'", "it has: a, b", "tell the rate"]),
+        (lines("time_s,b", "{t},{b}"), RecordingSettings(), ["lacks the column 'a'", "time_s, b"]),
+        (lines("time_s,b", "{t},{b}"), RecordingSettings(columns={"P": "a"}), ["lacks the column 'P'"]),
+        (lines("time_s,a,a", "{t},{a},{b}"), RecordingSettings(), ["'a' twice"]),
+        (lines("time_s;a;b", "{t};{a};{b}"), RecordingSettings(separator=","), ["tell the separator"]),
+        (
+            lines("time_s,a", "2026-01-01T00:00:{t},{a}"),
+            RecordingSettings(),
+            ["no numbers in the column 'time_s'"],
+        ),
+        (lines("time_s,a", "{t},{a}"), RecordingSettings(layout="long"), ["'id'", "'value'"]),
+        ("PK\x03\x04....", RecordingSettings(), ["export it as CSV"]),
     ],
 )
 def test_what_is_wrong_is_told_in_a_line(tmp_path, text, told, words):
@@ -238,11 +245,11 @@ def test_readings_at_times_of_their_own_share_a_frame(tmp_path):
 def test_a_long_table_may_be_told(tmp_path):
     numbered = [(1e3 * t, {"a": 0, "b": 1}[name], v) for t, name, v in SHARED]
     called = {"0": "a", "1": "b"}
-    told = TableForm(layout="long", time="at", time_unit="ms", id="box", value="x", columns=called)
+    told = RecordingSettings(layout="long", time="at", time_unit="ms", id="box", value="x", columns=called)
     path = written(tmp_path, long(*numbered, header="at,box,x"))
     same(read_recording(path, ["a", "b"], told))
     ordered = "\n".join(["box,x", *(f"{name},{v}" for _, name, v in SHARED)]) + "\n"
-    told = TableForm(rate=100.0, layout="long", id="box", value="x")
+    told = RecordingSettings(rate="100 Hz", layout="long", id="box", value="x")
     same(read_recording(written(tmp_path, ordered), ["a"], told))
 
 
@@ -262,8 +269,8 @@ def test_blocks_and_damages_do_not_matter(tmp_path, monkeypatch):
     good = ~whole.malformed
     np.testing.assert_array_equal(whole.matrix(["a", "b", "c"])[good], values[good])
     assert whole.line.tolist() == list(range(2, 5002))
-    monkeypatch.setattr("softfuse.hardware.table.blocks.HEAD", 1000)
-    monkeypatch.setattr("softfuse.hardware.table.blocks.BLOCK", 3000)
+    monkeypatch.setattr("softfuse.hardware.table.rows.HEAD", 1000)
+    monkeypatch.setattr("softfuse.hardware.table.rows.BLOCK", 3000)
     parts = read_recording(path, ["a", "b", "c"])
     np.testing.assert_array_equal(parts.matrix(["a", "b", "c"]), whole.matrix(["a", "b", "c"]))
     np.testing.assert_array_equal(parts.malformed, whole.malformed)

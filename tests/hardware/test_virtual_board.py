@@ -5,21 +5,18 @@ import pytest
 
 from softfuse.errors import HardwareError
 from softfuse.hardware.device_clock import DeviceClock
-from softfuse.hardware.virtual.board import VirtualBoard
-from softfuse.hardware.virtual.board_clock import BoardClock
-from softfuse.hardware.virtual.line_faults import FaultyLine, LineFaults
-from softfuse.hardware.virtual.sensor_faults import DeadSensor, SensorFaults
-from softfuse.hardware.wire.channel import Channel, RawType
+from softfuse.hardware.virtual.board import BoardClock, DeadSensor, SensorFaults, VirtualBoard
+from softfuse.hardware.virtual.faults import FaultyLine, LineFaults
 from softfuse.hardware.wire.decoder import Decoder, Received
-from softfuse.hardware.wire.description import Description
+from softfuse.hardware.wire.description import Channel, Description, RawType
 from softfuse.hardware.wire.message import (
     AskMessage,
     DescriptionMessage,
     Header,
     SampleMessage,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 from softfuse.hardware.wire.sequence import SequenceCounts, SequenceWatch
 
 STEP_V = 3.3 / 4096

@@ -5,10 +5,8 @@ from dataclasses import replace
 import pytest
 
 from softfuse.errors import SoftfuseError
-from softfuse.hardware.virtual.faults import Faults, parse_faults
-from softfuse.hardware.virtual.line_faults import LineFaults
-from softfuse.hardware.virtual.sensor_faults import DeadSensor, SensorFaults
-from softfuse.hardware.virtual.serving import Outages
+from softfuse.hardware.virtual.board import DeadSensor, SensorFaults
+from softfuse.hardware.virtual.faults import Faults, LineFaults, Outages, parse_faults
 
 NAMES = ("row3", "flow1_V")
 

@@ -10,33 +10,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 import serial
+from served import Served
 
 from softfuse.errors import HardwareError
-from softfuse.hardware.virtual.board import VirtualBoard
-from softfuse.hardware.virtual.board_clock import BoardClock
-from softfuse.hardware.virtual.line_faults import FaultyLine, LineFaults
-from softfuse.hardware.virtual.outlet import AbstractOutlet
-from softfuse.hardware.virtual.pseudo_terminal import PseudoTerminal
+from softfuse.hardware.virtual.board import BoardClock, VirtualBoard
+from softfuse.hardware.virtual.faults import FaultyLine, LineFaults, Outages
+from softfuse.hardware.virtual.ports import AbstractOutlet, PseudoTerminal, TcpPort
 from softfuse.hardware.virtual.serving import (
-    AbstractPace,
-    AsFastAsRead,
-    Outages,
-    RealTime,
+    Pace,
     VirtualDevice,
     VirtualPort,
+    as_fast_as_read,
+    in_real_time,
 )
-from softfuse.hardware.virtual.tcp_port import TcpPort
-from softfuse.hardware.wire.channel import Channel, RawType
 from softfuse.hardware.wire.decoder import Decoder
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.message import EVERY_DEVICE, AskMessage, Header, SampleMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.wire.description import Channel, Description, RawType
+from softfuse.hardware.wire.message import EVERY_DEVICE, AskMessage, Header, SampleMessage, encode, pack
 from softfuse.hardware.wire.sequence import SequenceWatch
 
 ASK = pack(encode(AskMessage(Header(EVERY_DEVICE, 0, 0))))
 OUTLETS = {"terminal": PseudoTerminal, "tcp": lambda: TcpPort(0)}
 
-Serve = Callable[..., VirtualDevice]
+Serve = Callable[..., Served]
 
 
 def read(time_s: np.ndarray) -> np.ndarray:
@@ -53,10 +48,10 @@ def port_of(*outlets: AbstractOutlet, number: int = 1, rate: float = 100.0) -> V
 @pytest.fixture
 def serve() -> Iterator[Serve]:
     """Serves ports, and stops in the end."""
-    served: list[VirtualDevice] = []
+    served: list[Served] = []
 
-    def start(*ports: VirtualPort, pace: AbstractPace | None = None, **options) -> VirtualDevice:
-        device = VirtualDevice(ports, RealTime() if pace is None else pace, **options)
+    def start(*ports: VirtualPort, pace: Pace = in_real_time, outages: Outages | None = None) -> Served:
+        device = Served(ports, pace, outages=outages)
         served.append(device)
         device.start()
         return device
@@ -109,21 +104,21 @@ def test_samples_come_in_time_and_without_a_gap(serve: Serve, outlet: AbstractOu
 
 
 def test_the_mean_rate_does_not_drift_however_late_it_wakes_up() -> None:
-    port, pace, stop = port_of(PseudoTerminal(), rate=997.0), RealTime(), threading.Event()
+    port, pace, stop = port_of(PseudoTerminal(), rate=997.0), in_real_time, threading.Event()
     stop.set()
     port.board.switch_on(0.0)
     for elapsed in np.cumsum(np.tile([0.0, 0.0003, 0.02, 0.15, 0.001], 200)).tolist():
-        pace.go_on([port], elapsed, stop)
+        pace([port], elapsed, stop)
         assert port.board.next_s - 1.0 / 997.0 <= elapsed < port.board.next_s
     counts = port.board.counts
     assert counts.samples == int(997.0 * elapsed) + 1
     # Nobody has listened.
-    assert port.report.sent == 0 and port.report.unheard == counts.samples + counts.descriptions - 1
+    assert port.sent == 0 and port.unheard == counts.samples + counts.descriptions - 1
 
 
 def test_as_fast_as_it_is_read_nothing_is_lost(serve: Serve, outlet: AbstractOutlet) -> None:
     port = port_of(outlet)
-    device = serve(port, pace=AsFastAsRead())
+    device = serve(port, pace=as_fast_as_read)
     decoder, watch = Decoder(), SequenceWatch()
     time.sleep(0.1)
     assert port.board.counts.samples == 0
@@ -151,8 +146,8 @@ def test_a_slow_reader_loses_whole_packets_only(serve: Serve, outlet: AbstractOu
     with serial.serial_for_url(port.urls[0], timeout=0.05) as stream:
         assert until(lambda: port.listened)
         stream.write(ASK)
-        before = port.report.unheard
-        assert until(lambda: port.report.unheard > before + 500, 20)
+        before = port.unheard
+        assert until(lambda: port.unheard > before + 500, 20)
         end = time.monotonic() + 10
         while watch.counts.lost == 0 and time.monotonic() < end:
             for one in decoder.feed(stream.read(4096), 0.0):
@@ -187,7 +182,7 @@ def test_unplugged_is_gone_and_back_with_a_gap(serve: Serve, tmp_path: Path) -> 
     # Half a second, and what it took to open it again.
     assert 45 < counts.lost < 120 and counts.fresh > 60
     assert counts.restarted == counts.late == counts.duplicated == 0
-    assert decoder.counts.line.crc_failures <= 1 and port.report.outages == 2
+    assert decoder.counts.line.crc_failures <= 1 and port.outages == 2
 
 
 def test_tcp_is_unplugged_too_and_keeps_its_port(serve: Serve) -> None:
@@ -252,7 +247,7 @@ def test_nothing_is_echoed(serve: Serve) -> None:
 
 def test_two_boards_go_on_in_step(serve: Serve) -> None:
     ports = [port_of(PseudoTerminal(), number=k) for k in (1, 2)]
-    serve(*ports, pace=AsFastAsRead())
+    serve(*ports, pace=as_fast_as_read)
     decoders = [Decoder(), Decoder()]
     streams = [serial.serial_for_url(port.urls[0], timeout=0.05) for port in ports]
 
@@ -276,7 +271,7 @@ def test_a_link_does_not_replace_a_file(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("precious")
     port = port_of(PseudoTerminal(tmp_path / "mine"))
     with pytest.raises(HardwareError, match="not a link"):
-        VirtualDevice([port], RealTime()).start()
+        Served([port]).start()
     assert (tmp_path / "mine").read_text() == "precious"
 
 
@@ -294,7 +289,7 @@ def test_a_taken_port_is_told(serve: Serve) -> None:
     serve(first)
     number = int(first.urls[0].split(":")[-1])
     with pytest.raises(HardwareError, match=f"port {number}"):
-        VirtualDevice([port_of(PseudoTerminal(), TcpPort(number))], RealTime()).start()
+        Served([port_of(PseudoTerminal(), TcpPort(number))]).start()
 
 
 def test_it_listens_on_loopback_only(serve: Serve) -> None:
@@ -309,7 +304,7 @@ def test_it_listens_on_loopback_only(serve: Serve) -> None:
 def test_it_ends_by_itself() -> None:
     port = port_of(PseudoTerminal())
     start = time.monotonic()
-    VirtualDevice([port], RealTime()).run(0.3)
+    VirtualDevice([port], in_real_time).run(0.3)
     assert time.monotonic() - start == pytest.approx(0.3, abs=0.3)
     assert not port.plugged
 

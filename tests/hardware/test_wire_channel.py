@@ -5,7 +5,7 @@ import struct
 import pytest
 
 from softfuse.errors import WireError
-from softfuse.hardware.wire.channel import Channel, RawType
+from softfuse.hardware.wire.description import Channel, RawType
 
 
 @pytest.mark.parametrize(
@@ -23,7 +23,7 @@ from softfuse.hardware.wire.channel import Channel, RawType
 )
 def test_types_and_their_ranges(number, size, lowest, highest):
     kind = RawType(number)
-    assert (kind.size, kind.lowest, kind.highest) == (size, lowest, highest)
+    assert (kind.size, *kind.range) == (size, lowest, highest)
     for end in (lowest, highest):
         packed = struct.pack("<" + kind.code, end)
         assert len(packed) == size and struct.unpack("<" + kind.code, packed) == (end,)

@@ -5,10 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softfuse.hardware.wire.channel import Channel, RawType
 from softfuse.hardware.wire.decoder import MOST_DEVICES, Decoder
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
 from softfuse.hardware.wire.message import (
     AskMessage,
     DescriptionMessage,
@@ -16,8 +14,8 @@ from softfuse.hardware.wire.message import (
     SampleMessage,
     TextMessage,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 
 
 def device_of(scale: float) -> Description:

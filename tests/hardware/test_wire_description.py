@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from softfuse.errors import WireError
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description, parse_description
+from softfuse.hardware.wire.description import Channel, Description, RawType, parse_description
 from softfuse.hardware.wire.message import DescriptionMessage, Header, decode, encode
 
 TWO = Description("pad", (Channel("a", RawType.U8, 1.0, 0.0), Channel("b_V", RawType.F32, 2.0, -1.0)))

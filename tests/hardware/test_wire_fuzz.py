@@ -30,7 +30,7 @@ def test_order_returns_within_two_packets(counts):
 
 
 def test_the_fuzz_would_see_a_crc_that_does_not_check(monkeypatch):
-    monkeypatch.setattr("softfuse.hardware.wire.packet.crc16.ibm_3740", lambda body: 0)
+    monkeypatch.setattr("softfuse.hardware.wire.message.crc16.ibm_3740", lambda body: 0)
     counts = FUZZ["fuzz_packets"](2000, 1)
     assert counts["wrong_bodies"] > 100 and counts["wrong_messages"] > 100
 

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from softfuse.hardware.wire.channel import Channel, RawType
 from softfuse.hardware.wire.decoder import Decoder
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
 from softfuse.hardware.wire.message import (
     AskMessage,
     DescriptionMessage,
@@ -15,8 +13,8 @@ from softfuse.hardware.wire.message import (
     TextMessage,
     decode,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 
 PAD = Description("pad", (Channel("f_V", RawType.U16, 0.5, -1.0),))
 """Device 7 of the specification's example."""

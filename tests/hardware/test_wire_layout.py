@@ -8,9 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from softfuse.errors import WireError
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
 
 
 def layout_of(*channels: tuple[RawType, float, float]) -> Layout:
@@ -46,8 +44,8 @@ def test_values_come_back_to_half_a_step_and_what_was_not_read_is_not(data, desc
     scale = np.array([channel.scale for channel in description.channels])
     offset = np.array([channel.offset for channel in description.channels])
     # Floats have no end that a device would reach.
-    low = np.array([-1e6 if c.type.floating else c.type.lowest for c in description.channels])
-    high = np.array([1e6 if c.type.floating else c.type.highest for c in description.channels])
+    low = np.array([-1e6 if c.type.floating else c.type.range[0] for c in description.channels])
+    high = np.array([1e6 if c.type.floating else c.type.range[1] for c in description.channels])
     values = np.where(read, scale * (low + part * (high - low)) + offset, np.nan)
     again = layout.values(layout.content(values))
     step = np.where([c.type.floating for c in description.channels], 1e6 * 2.0**-24, 0.5 + 1e-6)

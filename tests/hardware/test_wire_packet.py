@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softfuse.hardware.wire.packet import LONGEST_PACKET, Unpacker, pack
+from softfuse.hardware.wire.message import LONGEST_PACKET, Unpacker, pack
 
 BODIES = st.lists(st.one_of(st.binary(max_size=80), st.binary(min_size=250, max_size=260)), max_size=6)
 

@@ -8,10 +8,8 @@ import pytest
 from softfuse.cli.app import main
 from softfuse.errors import ConfigError
 from softfuse.hardware.recording import read_recording
-from softfuse.hardware.table.form import TableForm
-from softfuse.report.presses import read_sensors, sensor_frames, table_form
+from softfuse.report.presses import read_sensors, sensor_frames
 from softfuse.robot.file import load
-from softfuse.robot.recording import RecordingSettings
 
 
 def with_recording(pad_text: str, folder: Path, table: str) -> Path:
@@ -20,13 +18,12 @@ def with_recording(pad_text: str, folder: Path, table: str) -> Path:
     return path
 
 
-def test_every_setting_is_one_of_the_readers(pad_text, tmp_path):
-    assert RecordingSettings.model_fields.keys() == vars(TableForm()).keys()
+def test_the_settings_are_read(pad_text, tmp_path):
     table = 'separator = ";"\ndecimal = ","\nrate = "1 kHz"\nencoding = "cp1252"\n'
     table += 'columns = {"P1 [V]" = "flow0_V"}'
-    form = table_form(load(with_recording(pad_text, tmp_path, table)).recording)
-    told = TableForm(";", ",", "cp1252", rate=1000.0, columns={"P1 [V]": "flow0_V"})
-    assert form == told
+    found = load(with_recording(pad_text, tmp_path, table)).recording
+    assert (found.separator, found.decimal, found.rate, found.encoding) == (";", ",", 1000.0, "cp1252")
+    assert found.columns == {"P1 [V]": "flow0_V"} and found.time is None
 
 
 @pytest.mark.parametrize(

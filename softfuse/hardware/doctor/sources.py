@@ -6,11 +6,11 @@ import time
 from collections.abc import Callable, Sequence
 
 from softfuse.errors import HardwareError
-from softfuse.hardware.doctor.finding import Finding
+from softfuse.hardware.doctor.findings import Finding
 from softfuse.hardware.source.configured import connection_of, driver_of
 from softfuse.hardware.source.connection import SILENCE
 from softfuse.hardware.source.listening import Heard, Listener
-from softfuse.hardware.source.serial_ports import SerialPort
+from softfuse.hardware.source.port import SerialPort
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 from softfuse.robot.source import AnySource
 
@@ -29,19 +29,16 @@ def check_ports(ports: Sequence[SerialPort]) -> list[Finding]:
         return [
             Finding("ports", "note", "there is no serial port", "plug a device in if there should be one")
         ]
-    return [_port(port) for port in ports]
-
-
-def _port(port: SerialPort) -> Finding:
-    said = port.description or "a serial port"
-    if port.allowed:
-        return Finding(port.name, "ok", f"{said}; not opened, --port {port.name} listens to it")
-    return Finding(
-        port.name,
-        "note",
-        f"{said}; this user may not open it",
-        "add yourself to the group that owns it (sudo usermod -aG dialout $USER under most Linuxes)",
-    )
+    group = "add yourself to the group that owns it (sudo usermod -aG dialout $USER under most Linuxes)"
+    findings = []
+    for port in ports:
+        said = port.description or "a serial port"
+        if port.allowed:
+            told = f"{said}; not opened, --port {port.name} listens to it"
+            findings.append(Finding(port.name, "ok", told))
+        else:
+            findings.append(Finding(port.name, "note", f"{said}; this user may not open it", group))
+    return findings
 
 
 class _Ear:

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from softfuse.errors import RecordingError
-from softfuse.hardware.record.entries import EstimateEntry, FrameEntry, SessionInfo
+from softfuse.hardware.record.entries import Entry, SessionInfo
 from softfuse.hardware.record.session_writer import SessionWriter
-from softfuse.hardware.stream import Chunk, HostClock, Level, Notice
+from softfuse.hardware.stream import HostClock, Level, Notice
 
 QUEUE_LENGTH = 20_000
 """What may wait to be written [entries]: a minute at 100 Hz."""
@@ -22,7 +22,6 @@ FLUSH_S = 0.25
 """How often what was written is handed to the operating system when nothing comes [s]."""
 STUCK_S = 0.25
 """A disk that has written nothing for so long is not waited for [s]."""
-Entry = Chunk | FrameEntry | EstimateEntry | Notice
 
 
 class Recorder:
@@ -56,11 +55,6 @@ class Recorder:
         """Entries that are in no file."""
         return self._refused + self._missed
 
-    @property
-    def waiting(self) -> int:
-        """Entries that wait to be written."""
-        return self._queue.qsize()
-
     def put(self, entry: Entry) -> None:
         """Record an entry; waits for a disk that is behind but writing."""
         try:
@@ -92,7 +86,7 @@ class Recorder:
                 self._reopen()
             if self._writer is None:
                 self._missed += 1
-            elif not self._attempt(lambda writer, entry=entry: _write(writer, entry)):
+            elif not self._attempt(lambda writer, entry=entry: writer.add(entry)):
                 tried = now
             if self._refused > told and self._queue.qsize() < QUEUE_LENGTH // 2:
                 told = self._refused
@@ -124,15 +118,3 @@ class Recorder:
 
     def _say(self, level: Level, text: str) -> None:
         self._tell(Notice(self._clock.now_s(), None, level, text))
-
-
-def _write(writer: SessionWriter, entry: Entry) -> None:
-    match entry:
-        case Chunk():
-            writer.chunk(entry)
-        case FrameEntry():
-            writer.frame(entry)
-        case EstimateEntry():
-            writer.estimate(entry)
-        case Notice():
-            writer.notice(entry)

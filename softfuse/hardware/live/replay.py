@@ -9,16 +9,14 @@ every number is the same to the last bit, at whatever speed.
 import math
 import time
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from softfuse.estimation.stream import Estimate
 from softfuse.estimation.tracked import Frame
-from softfuse.hardware.live.assembler import Assembled
-from softfuse.hardware.live.pipeline import Pipeline
+from softfuse.hardware.live.pipeline import Assembled, Pipeline
 from softfuse.hardware.live.session import Estimating, Fields, Published
-from softfuse.hardware.record.entries import EstimateEntry
-from softfuse.hardware.record.session_reader import Session as RecordedSession
+from softfuse.hardware.record.session_reader import RecordedSession
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ class Replay:
         """
         self._recorded, self._pipeline, self._estimating = recorded, pipeline, estimating
         self._wanted = {entry.frame: entry for entry in recorded.estimates()}
-        self._seen = _Seen(self._wanted.values())
+        self._ends = sorted(self._wanted)
         self._identical = 0
         self._first: int | None = None
 
@@ -66,19 +64,29 @@ class Replay:
 
     def run(self, speed: float = math.inf) -> Iterator[Published]:
         """The estimates, in order; `speed` [-]: of the recorded time, infinity for as fast as possible."""
-        for estimate in self._estimating.follow(self._paced(_Pace(speed))):
+        for estimate in self._estimating.follow(self._paced(speed)):
             yield self._published(estimate)
 
-    def _paced(self, pace: "_Pace") -> Iterator[tuple[Frame, bool]]:
-        """The frames that went into estimates, and whether one was made of it."""
-        start_s = None
+    def _paced(self, speed: float) -> Iterator[tuple[Frame, bool]]:
+        """The frames that went into estimates, each when it is its turn, and whether one was made of it."""
+        start_s, first_s, began = None, 0.0, 0.0
         for number, frame in enumerate(self._frames()):
-            start_s = frame.time_s if start_s is None else start_s
-            pace.wait(frame.arrived_s)
-            if number in self._seen:
+            if start_s is None:
+                start_s, first_s, began = frame.time_s, frame.arrived_s, time.monotonic()
+            due = began + (frame.arrived_s - first_s) / speed
+            time.sleep(max(0.0, due - time.monotonic()))
+            if self._went_in(number):
                 self._last = number, frame
                 wanted = number in self._wanted or not self._wanted
                 yield Frame(frame.time_s - start_s, frame.values), wanted
+
+    def _went_in(self, number: int) -> bool:
+        """Whether a frame went into an estimate, or none came after it that could tell."""
+        following = bisect_left(self._ends, number)
+        if following == len(self._ends):
+            return True
+        entry = self._wanted[self._ends[following]]
+        return entry.sensed is None or number > entry.frame - entry.sensed
 
     def _published(self, estimate: Estimate) -> Published:
         number, frame = self._last
@@ -108,44 +116,9 @@ class Replay:
             yield from frames
 
 
-class _Seen:
-    """Which frames went into estimates."""
-
-    def __init__(self, estimates: Iterable[EstimateEntry]):
-        self._estimates = sorted(estimates, key=lambda entry: entry.frame)
-        self._ends = [entry.frame for entry in self._estimates]
-
-    def __contains__(self, number: int) -> bool:
-        """Whether a frame did, or none came after it that could tell."""
-        following = bisect_left(self._ends, number)
-        if following == len(self._ends):
-            return True
-        entry = self._estimates[following]
-        return entry.sensed is None or number > entry.frame - entry.sensed
-
-
 def _known(fields: Fields) -> dict[str, float | str]:
     return {
         name: value
         for name, value in fields.items()
         if value not in (None, "") and not (isinstance(value, float) and not math.isfinite(value))
     }
-
-
-class _Pace:
-    """Holds a replay back to a part or a multiple of the speed of the recording."""
-
-    def __init__(self, speed: float):
-        self._speed = speed
-        self._began: tuple[float, float] | None = None
-
-    def wait(self, recorded_s: float) -> None:
-        """Return when it is the recorded time's turn."""
-        if math.isinf(self._speed):
-            return
-        now = time.monotonic()
-        if self._began is None:
-            self._began = now, recorded_s
-        due = self._began[0] + (recorded_s - self._began[1]) / self._speed
-        if due > now:
-            time.sleep(due - now)

@@ -27,7 +27,9 @@ LOOPBACK = "127.0.0.1"
 MEMORY = "500MB"
 """What the server keeps for viewers that come late."""
 _STARTS_WITHIN_S = 15.0
-_PURPLE_TO_YELLOW = "viridis"
+_ARROW_M_N = 5e-3
+"""Length of the arrow of a newton [m/N]."""
+_PURPLE_TO_YELLOW, _BLUE_TO_RED = "viridis", "coolwarm"
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,14 +65,6 @@ class Picture:
     status: str
 
 
-@dataclass(frozen=True)
-class Server:
-    """Where the viewer is: `page` for a browser, `stream` for a viewer that is installed."""
-
-    page: str
-    stream: str
-
-
 class RerunView:
     """Shows pictures to whoever looks, and into a file."""
 
@@ -83,22 +77,22 @@ class RerunView:
         bind: str = LOOPBACK,
         page_port: int = 9090,
         stream_port: int = 9876,
-        force_scale_m_N: float = 5e-3,
     ):
         """Start the server, if it is to serve, and a thread.
 
-        `save`: an .rrd file to be written as well; `bind`: the address to listen on; `force_scale_m_N`:
-        length of the arrow of a newton [m/N]. Raises HardwareError without Rerun, or when the server does
-        not start.
+        `save`: an .rrd file to be written as well; `bind`: the address to listen on. Raises HardwareError
+        without Rerun, or when the server does not start.
         """
         rr = _rerun()
-        self._scene, self._scale = scene, force_scale_m_N
+        self._scene = scene
         self._server: subprocess.Popen[bytes] | None = None
-        self.server: Server | None = None
+        self.page: str | None = None
+        """Where a browser finds it, if it is served."""
         self._stream = rr.RecordingStream(f"softfuse {scene.name}")
+        served = []
         if serve:
-            self.server, self._server = _serve(bind, page_port, stream_port)
-        served = [rr.GrpcSink(self.server.stream)] if self.server else []
+            self.page, stream, self._server = _serve(bind, page_port, stream_port)
+            served = [rr.GrpcSink(stream)]
         saved = [rr.FileSink(str(save))] if save else []
         self._stream.set_sinks(*served, *saved, default_blueprint=_blueprint())
         self._log_scene()
@@ -165,13 +159,20 @@ class RerunView:
         stream.set_time("time", timestamp=picture.time_s)
         now = 1e3 * (scene.rest_m + picture.displacement_m)
         moved = 1e3 * np.linalg.norm(picture.displacement_m, axis=1)
-        _log_mesh(stream, "body/surface", now, scene.surface, _coloured(moved, max(moved.max(), 1e-3)), 150)
+        _log_mesh(
+            stream,
+            "body/surface",
+            now,
+            scene.surface,
+            _coloured(moved / max(moved.max(), 1e-3), _PURPLE_TO_YELLOW),
+            150,
+        )
         largest = max(float(np.nanmax(np.abs(picture.cavity), initial=0.0)), 1e-30)
         for name, faces, value in zip(scene.cavity_names, scene.cavities, picture.cavity, strict=True):
-            colour = _diverging(float(value) / largest)
+            colour = _coloured(0.5 + 0.5 * value / largest, _BLUE_TO_RED)
             _log_mesh(stream, f"body/cavities/{name}", now, faces, np.tile(colour, (len(now), 1)), 255)
         known = np.isfinite(picture.at_m).all(axis=1) & np.isfinite(picture.force_N).all(axis=1)
-        vectors = 1e3 * self._scale * picture.force_N[known]
+        vectors = 1e3 * _ARROW_M_N * picture.force_N[known]
         sizes = np.linalg.norm(picture.force_N[known], axis=1)
         stream.log(
             "body/forces",
@@ -189,7 +190,7 @@ class RerunView:
                 stream.log(path.replace(" ", "_"), rr.Scalars(value))
         if picture.image is not None:
             peak = max(float(np.nanmax(picture.image)), 1e-30)
-            stream.log("electrodes", rr.Image(_coloured(picture.image / peak, 1.0)))
+            stream.log("electrodes", rr.Image(_coloured(picture.image / peak, _PURPLE_TO_YELLOW)))
         stream.log("status", rr.TextDocument(picture.status))
 
 
@@ -222,8 +223,10 @@ def _blueprint() -> "rr.blueprint.Blueprint":
     return rrb.Blueprint(rrb.Horizontal(body, series, column_shares=(3, 2)), collapse_panels=True)
 
 
-def _serve(bind: str, page_port: int, stream_port: int) -> tuple[Server, "subprocess.Popen[bytes]"]:
-    """Start Rerun's server, which listens on one address only."""
+def _serve(bind: str, page_port: int, stream_port: int) -> tuple[str, str, "subprocess.Popen[bytes]"]:
+    """Start Rerun's server, which listens on one address only: where a browser finds the viewer, where one
+    that is installed finds the data, and the server.
+    """
     busy = f"the live view cannot listen on the ports {page_port} and {stream_port} of {bind}"
     shown = LOOPBACK if bind in ("0.0.0.0", "::") else bind
     if _listens(shown, page_port) or _listens(shown, stream_port):
@@ -237,7 +240,7 @@ def _serve(bind: str, page_port: int, stream_port: int) -> tuple[Server, "subpro
             end_viewer(process)
             raise HardwareError(f"{busy}: is the address one of this computer's?")
         time.sleep(0.05)
-    return Server(f"http://{shown}:{page_port}/?url={stream.replace('+', '%2B')}", stream), process
+    return f"http://{shown}:{page_port}/?url={stream.replace('+', '%2B')}", stream, process
 
 
 def _listens(address: str, port: int) -> bool:
@@ -250,18 +253,11 @@ def _listens(address: str, port: int) -> bool:
     return True
 
 
-def _coloured(values: np.ndarray, largest: float) -> np.ndarray:
-    """Colours (..., 3) of values between 0 and the largest one."""
+def _coloured(shares: np.ndarray, palette: str) -> np.ndarray:
+    """Colours (..., 3) of numbers between 0 and 1."""
     from matplotlib import colormaps
 
-    return (255 * colormaps[_PURPLE_TO_YELLOW](np.clip(values / largest, 0, 1))[..., :3]).astype(np.uint8)
-
-
-def _diverging(value: float) -> np.ndarray:
-    """The colour (3,) of a value between −1, blue, and 1, red."""
-    from matplotlib import colormaps
-
-    return (255 * np.array(colormaps["coolwarm"](0.5 + 0.5 * np.clip(value, -1, 1)))[:3]).astype(np.uint8)
+    return (255 * np.array(colormaps[palette](np.clip(shares, 0, 1)))[..., :3]).astype(np.uint8)
 
 
 def _log_mesh(stream, path: str, nodes, faces, colours, opacity: int) -> None:

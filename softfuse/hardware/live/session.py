@@ -8,28 +8,98 @@ since its last estimate, senses each and estimates the newest. Only there, in a 
 dropped, oldest first and counted. Publishers are called from the estimating thread and must return at once.
 """
 
+import math
 import queue
 import threading
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from softfuse.estimation.stream import Estimate
 from softfuse.estimation.tracked import Frame
-from softfuse.hardware.live.assembler import Assembled
-from softfuse.hardware.live.frame_queue import FrameQueue
-from softfuse.hardware.live.latency import Latencies
-from softfuse.hardware.live.pipeline import DeviceReport, Pipeline
+from softfuse.hardware.live.pipeline import Assembled, DeviceReport, Pipeline
 from softfuse.hardware.live.recorder import Recorder
 from softfuse.hardware.record.entries import EstimateEntry, FrameEntry
 from softfuse.hardware.stream import Chunk, HostClock, Notice
 
+_LEAST_S, _MOST_S, _RATIO = 1e-5, 1e3, 1.02
+_BINS = math.ceil(math.log(_MOST_S / _LEAST_S) / math.log(_RATIO)) + 2
 INBOX_LENGTH = 256
 """Chunks that may wait to be assembled."""
-
 Fields = Mapping[str, float | str | None]
 """What people read of an estimate, by the columns' names."""
+
+
+class FrameQueue:
+    """A bounded queue of numbered frames between the thread that makes them and the one that estimates.
+
+    When it is full the oldest frame goes, counted: an estimate of now is worth more than one of a second ago.
+    Only the estimator loses it, recorders have it already.
+    """
+
+    def __init__(self, length: int):
+        """`length`: how many frames may wait."""
+        self._frames: deque[tuple[int, Assembled]] = deque()
+        self._length = length
+        self._changed = threading.Condition()
+        self._closed = False
+        self.dropped = 0
+        """Frames that the estimator never saw."""
+
+    @property
+    def waiting(self) -> int:
+        """Frames that wait now."""
+        return len(self._frames)
+
+    def put(self, number: int, frame: Assembled) -> None:
+        """Append a frame; never blocks."""
+        with self._changed:
+            if len(self._frames) >= self._length:
+                self._frames.popleft()
+                self.dropped += 1
+            self._frames.append((number, frame))
+            self._changed.notify()
+
+    def take(self) -> list[tuple[int, Assembled]]:
+        """All frames that wait, at least one, oldest first; none once it is closed and empty."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._frames or self._closed)
+            frames = list(self._frames)
+            self._frames.clear()
+            return frames
+
+    def close(self) -> None:
+        """Nothing more will come."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+
+class Latencies:
+    """Quantiles of times from 10 µs to 1000 s in constant memory: counts in bins whose widths grow by 2 %."""
+
+    def __init__(self) -> None:
+        self._counts = np.zeros(_BINS, np.int64)
+        self.largest_s = 0.0
+        """The largest one [s]; 0 without any."""
+
+    def add(self, seconds: float) -> None:
+        """Count one; what is below 10 µs counts as that."""
+        at = math.ceil(math.log(max(seconds, _LEAST_S) / _LEAST_S) / math.log(_RATIO))
+        self._counts[min(at, _BINS - 1)] += 1
+        self.largest_s = max(self.largest_s, seconds)
+
+    def quantile_s(self, share: float) -> float:
+        """The time [s] that a share of all is not above, rounded up by at most 2 %; NaN without any."""
+        total = self._counts.sum()
+        if total == 0:
+            return math.nan
+        at = int(np.searchsorted(np.cumsum(self._counts), max(share * total, 1.0)))
+        return min(_LEAST_S * _RATIO**at, self.largest_s)
 
 
 class Estimating(Protocol):
@@ -122,11 +192,18 @@ class Session:
         for thread in self._threads:
             thread.start()
 
-    def receive(self, chunk: Chunk) -> None:
-        """Take what a source has read; from any thread. While thousands wait it holds the reader back, and
-        the operating system's own buffer fills.
+    def receive(self, chunk: Chunk | None) -> None:
+        """Take what a source has read, or None for the end; from any thread.
+
+        While thousands wait it holds the reader back, and the operating system's own buffer fills. Nothing is
+        taken once a thread has failed, since nobody would empty the inbox.
         """
-        self._enter(chunk)
+        while self._failure is None:
+            try:
+                self._inbox.put(chunk, timeout=0.2)
+            except queue.Full:
+                continue
+            return
 
     def tell(self, notice: Notice) -> None:
         """Record and show what people should know; from any thread."""
@@ -143,7 +220,7 @@ class Session:
         """Work off what has been received, then end; raises what a thread failed with."""
         if self._threads[0].ident is None:
             return  # never started
-        self._enter(None)
+        self.receive(None)
         for thread in self._threads:
             thread.join()
         if self._recorder is not None:
@@ -173,15 +250,6 @@ class Session:
             tuple(self._pipeline.counts),
             tuple(self._pipeline.missing),
         )
-
-    def _enter(self, chunk: Chunk | None) -> None:
-        """Put a chunk, or the end, into the inbox; nothing once a thread has failed, which nobody empties."""
-        while self._failure is None:
-            try:
-                self._inbox.put(chunk, timeout=0.2)
-            except queue.Full:
-                continue
-            return
 
     def _guarded(self, run: Callable[[], None]) -> None:
         try:
@@ -249,3 +317,35 @@ class Session:
     def _record(self, entry: Chunk | FrameEntry | EstimateEntry) -> None:
         if self._recorder is not None:
             self._recorder.put(entry)
+
+
+def besides_samples(report: SessionReport) -> list[str]:
+    """What else came from each source, CRC failures and the like; empty where nothing did."""
+    return [
+        ", ".join(f"{count} {what}" for what, count in counts.items() if count and what != "samples")
+        for counts in report.line_counts
+    ]
+
+
+def latency(report: SessionReport) -> str:
+    """From the last byte to the estimate."""
+    quantiles = report.latency_p50_s, report.latency_p99_s, report.latency_max_s
+    half, most, largest = (f"{1e3 * q:.1f}" for q in quantiles)
+    return f"{half} ms (50 %), {most} ms (99 %), {largest} ms at most, from the last byte"
+
+
+def told(report: SessionReport) -> list[str]:
+    """All of it, line by line."""
+    lines = [
+        f"{report.frames} frames, {report.estimated} estimates, {report.overruns} overruns",
+        f"latency {latency(report)}" if report.estimated else "nothing was estimated",
+    ]
+    for device in report.devices:
+        lines.append(
+            f"source {device.source}, device {device.device}: {device.samples.fresh} samples, "
+            f"{device.samples.lost} lost, {device.samples.late} late, {device.samples.duplicated} twice"
+        )
+    lines += [f"source {k}: {found}" for k, found in enumerate(besides_samples(report)) if found]
+    if report.missing:
+        lines.append(f"channels that never came: {', '.join(report.missing)}")
+    return lines

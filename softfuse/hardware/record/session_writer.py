@@ -23,11 +23,14 @@ from types import TracebackType
 from typing import Self
 
 from softfuse.errors import RecordingError
-from softfuse.hardware.record.entries import EstimateEntry, FrameEntry, SessionInfo
-from softfuse.hardware.record.entry_json import (
+from softfuse.hardware.record.entries import (
     LONGEST_JSON,
+    Entry,
+    EstimateEntry,
     EstimateFormat,
+    FrameEntry,
     FrameFormat,
+    SessionInfo,
     estimate_schema,
     frame_schema,
     notice_schema,
@@ -106,27 +109,26 @@ class SessionWriter:
         """Entries added and not yet handed over; after a failure of the disk those that are lost."""
         return self._added - self._handed_over
 
-    def chunk(self, chunk: Chunk) -> None:
-        """Add bytes of a source; ValueError for a source that the session has not."""
-        if not 0 <= chunk.source < len(self._source_ids):
-            raise ValueError(
-                f"the session has {len(self._source_ids)} sources, none of number {chunk.source}"
-            )
-        self._add(self._source_ids[chunk.source], nanoseconds(chunk.host_s), chunk.data)
-
-    def frame(self, entry: FrameEntry) -> None:
-        """Add a frame; ValueError when it has not the session's channels."""
-        known = 0 <= entry.time_s < _TIMES_END_S
-        at_ns = nanoseconds(entry.time_s) if known else self._latest_ns
-        self._add_json(self._frame_id, at_ns, self._frames.write(entry))
-
-    def estimate(self, entry: EstimateEntry) -> None:
-        """Add an estimate; ValueError for a field that is no column of the session or not of its kind."""
-        self._add_json(self._estimate_id, nanoseconds(entry.host_s), self._estimates.write(entry))
-
-    def notice(self, notice: Notice) -> None:
-        """Add a notice; ValueError when its text is longer than a reader takes."""
-        self._add_json(self._notice_id, nanoseconds(notice.host_s), write_notice(notice))
+    def add(self, entry: Entry) -> None:
+        """Add an entry; ValueError for a source, channels or a column that the session has not, a value not
+        of its column's kind, and one that is longer than a reader takes.
+        """
+        match entry:
+            case Chunk(source=source):
+                if not 0 <= source < len(self._source_ids):
+                    raise ValueError(
+                        f"the session has {len(self._source_ids)} sources, none of number {source}"
+                    )
+                self._add(self._source_ids[source], nanoseconds(entry.host_s), entry.data)
+            case FrameEntry():
+                known = 0 <= entry.time_s < _TIMES_END_S
+                at_ns = nanoseconds(entry.time_s) if known else self._latest_ns
+                self._add_json(self._frame_id, at_ns, self._frames.write(entry))
+            case EstimateEntry():
+                at_ns = nanoseconds(entry.host_s)
+                self._add_json(self._estimate_id, at_ns, self._estimates.write(entry))
+            case Notice():
+                self._add_json(self._notice_id, nanoseconds(entry.host_s), write_notice(entry))
 
     def flush(self) -> None:
         """Hand over to the operating system what has been added."""

@@ -25,12 +25,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from softfuse.errors import HardwareError
-from softfuse.hardware.source.driver import AbstractDriver
-from softfuse.hardware.source.reading import Reading
-from softfuse.hardware.source.remarks import Remarks
-from softfuse.hardware.source.wrench import WRENCH, check_wrench
-from softfuse.hardware.stream import Notice
+from softfuse.hardware.source.driver import AbstractDriver, Reading
+from softfuse.robot.source import AtiNetFtSource
 
 PORT = 49152
 """UDP port of the sensor."""
@@ -46,29 +42,12 @@ _MOST_LATE = 10_000
 class AtiNetFt(AbstractDriver):
     """One Net F/T sensor."""
 
-    def __init__(
-        self,
-        counts_per_force: float,
-        counts_per_torque: float,
-        *,
-        internal_rate: float | None = None,
-        names: tuple[str, ...] = WRENCH,
-    ) -> None:
-        """Counts per N and per N m; the sensor's own samples per second, None where not known.
-
-        HardwareError for what is not above 0; it or WireError for names that cannot be.
-        """
-        for what, value in (
-            ("counts per force", counts_per_force),
-            ("counts per torque", counts_per_torque),
-            ("rate", 1.0 if internal_rate is None else internal_rate),
-        ):
-            if not 0.0 < value < float("inf"):
-                raise HardwareError(f"the {what} of a Net F/T cannot be {value}: read it off its web page")
-        self._counts = np.array([counts_per_force] * 3 + [counts_per_torque] * 3)
-        self._rate = internal_rate
-        self._names = check_wrench(names)
-        self._remarks = Remarks()
+    def __init__(self, settings: AtiNetFtSource) -> None:
+        super().__init__()
+        per_force, per_torque = settings.counts_per_newton, settings.counts_per_newton_metre
+        self._counts = np.array([per_force] * 3 + [per_torque] * 3)
+        self._rate = settings.internal_rate
+        self._names = settings.channels
         self._status = 0
         self._newest: int | None = None
         self._records = self._malformed = self._faulty = 0
@@ -90,7 +69,7 @@ class AtiNetFt(AbstractDriver):
             "samples": self._records,
             "samples in error": self._faulty,
             "malformed": self._malformed,
-            "remarks left out": self._remarks.left_out,
+            "remarks left out": self._left_out,
         }
 
     def greeting(self) -> tuple[bytes, ...]:
@@ -101,27 +80,16 @@ class AtiNetFt(AbstractDriver):
         """Stop the stream, which the sensor would send to nobody without end."""
         return _REQUEST.pack(_HEADER, _STOP, 0)
 
-    def take_requests(self) -> bytes:
-        """Nothing."""
-        return b""
-
-    def take_notices(self) -> list[Notice]:
-        """Changes of the sensor's status."""
-        return self._remarks.take()
-
     def _reading(self, record: tuple[int, ...], host_s: float) -> Reading:
         sequence, internal, status, *counts = record
         self._records += 1
         if status != self._status:
             self._status = status
             if status:
-                self._remarks.add(
-                    host_s,
-                    "warning",
-                    f"the sensor's status is 0x{status:08x}: see Status Code in its manual",
-                )
+                told = f"the sensor's status is 0x{status:08x}: see Status Code in its manual"
+                self._remark(host_s, "warning", told)
             else:
-                self._remarks.add(host_s, "info", "the sensor's status is healthy again")
+                self._remark(host_s, "info", "the sensor's status is healthy again")
         values = np.array(counts, dtype=np.float64) / self._counts
         if status & _ERROR and status != _ERROR | _MONITOR:
             self._faulty += 1

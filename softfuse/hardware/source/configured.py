@@ -5,16 +5,14 @@ from collections.abc import Callable, Sequence
 from softfuse.errors import RecordingError
 from softfuse.hardware.record.entries import SourceInfo
 from softfuse.hardware.source.ati_net_ft import PORT, AtiNetFt
-from softfuse.hardware.source.bota_serial import BotaSerial
 from softfuse.hardware.source.connection import Connection
 from softfuse.hardware.source.driver import AbstractDriver
-from softfuse.hardware.source.port import AbstractPort
-from softfuse.hardware.source.robotous_rft import RobotousRft
-from softfuse.hardware.source.serial_port import open_serial
+from softfuse.hardware.source.port import AbstractPort, open_serial, open_udp
+from softfuse.hardware.source.serial_force_torque import BotaSerial, RobotousRft
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.source.text_lines import PRESETS, TextFormat, TextLines
-from softfuse.hardware.source.udp_port import open_udp
 from softfuse.hardware.stream import Chunk, HostClock, Notice
+from softfuse.hardware.wire.description import check_name
 from softfuse.robot.source import (
     AnySource,
     AtiNetFtSource,
@@ -27,6 +25,8 @@ from softfuse.robot.source import (
 
 def driver_of(source: AnySource) -> AbstractDriver:
     """A new driver with a source's settings; WireError for names of channels that cannot be."""
+    for name in source.known_channels:
+        check_name(name, "channel")
     match source:
         case SoftfuseSource():
             return SoftfuseFrames()
@@ -36,21 +36,11 @@ def driver_of(source: AnySource) -> AbstractDriver:
             form = TextFormat(source.columns, source.time, source.separator, source.prefix)
             return TextLines(form, source.channels)
         case AtiNetFtSource():
-            return AtiNetFt(
-                source.counts_per_newton,
-                source.counts_per_newton_metre,
-                internal_rate=source.internal_rate,
-                names=source.channels,
-            )
+            return AtiNetFt(source)
         case RobotousRftSource():
-            return RobotousRft(
-                counts_per_force=source.counts_per_newton,
-                counts_per_torque=source.counts_per_newton_metre,
-                rate=None if source.rate is None else round(source.rate),
-                names=source.channels,
-            )
+            return RobotousRft(source)
         case BotaSource():
-            return BotaSerial(names=source.channels)
+            return BotaSerial(source)
 
 
 def open_port_of(source: AnySource) -> AbstractPort:

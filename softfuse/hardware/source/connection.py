@@ -32,6 +32,7 @@ MOST_UNSENT = 64
 """Messages that wait to be sent; more are refused."""
 
 _log = logging.getLogger(__name__)
+SILENCE = f"nothing has come for {SILENT_S:g} s: is the device on, its cable in, and the baud rate its own?"
 
 
 class Connection:
@@ -82,16 +83,6 @@ class Connection:
             return False
         self._unsent.append(data)
         return True
-
-    @property
-    def connected(self) -> bool:
-        """Whether the port is open now."""
-        return self._connected.is_set()
-
-    @property
-    def running(self) -> bool:
-        """Whether the thread is there, which ends by `stop` only, unless a callback raises."""
-        return self._thread is not None and self._thread.is_alive()
 
     def stop(self) -> None:
         """Close the port, from any thread; back within 0.5 s, and nothing is handed out after that.
@@ -190,9 +181,6 @@ class Connection:
     def _tell(self, level: Level, text: str) -> None:
         if not self._stop.is_set():
             self._on_notice(Notice(self._clock.now_s(), self._source, level, text))
-
-
-SILENCE = f"nothing has come for {SILENT_S:g} s: is the device on, its cable in, and the baud rate its own?"
 
 
 def remedy(url: str, error: OSError) -> str:

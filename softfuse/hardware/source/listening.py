@@ -18,8 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from softfuse.hardware.device_clock import edge_below
-from softfuse.hardware.source.driver import AbstractDriver
-from softfuse.hardware.source.reading import Reading
+from softfuse.hardware.source.driver import AbstractDriver, Reading
 from softfuse.hardware.stream import Chunk
 from softfuse.hardware.wire.sequence import Arrival, SequenceCounts, SequenceWatch
 

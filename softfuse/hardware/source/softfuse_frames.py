@@ -6,11 +6,8 @@ counted, and the host asks for the description.
 
 from collections.abc import Mapping
 
-from softfuse.hardware.source.driver import AbstractDriver
-from softfuse.hardware.source.reading import Reading
-from softfuse.hardware.source.remarks import Remarks
-from softfuse.hardware.stream import Notice
-from softfuse.hardware.wire.decoder import MOST_DEVICES, Decoder, Received
+from softfuse.hardware.source.driver import AbstractDriver, Reading
+from softfuse.hardware.wire.decoder import MOST_DEVICES, Decoder
 from softfuse.hardware.wire.message import (
     EVERY_DEVICE,
     AskMessage,
@@ -19,8 +16,8 @@ from softfuse.hardware.wire.message import (
     SampleMessage,
     TextMessage,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 
 ASK_AGAIN_S = 0.5
 """After so long a device is asked again [s]."""
@@ -30,26 +27,26 @@ class SoftfuseFrames(AbstractDriver):
     """One line with one or several devices of the binary protocol."""
 
     def __init__(self) -> None:
+        super().__init__()
         self._decoder = Decoder()
         # Names in the order in which the devices were heard of, as the decoder keeps its layouts.
         self._names: dict[int, tuple[str, ...]] = {}
         self._asked: dict[int, float] = {}
         self._requests = b""
-        self._remarks = Remarks()
 
     def feed(self, data: bytes, host_s: float) -> list[Reading]:
-        """The readings that end in the next bytes, which came at host_s [s]; in order."""
         readings = []
         for received in self._decoder.feed(data, host_s):
             match received.message:
                 case SampleMessage(header=header) if received.values is not None:
-                    readings.append(self._reading(received, header))
+                    number, time_us, names = header.sequence, header.time_us, self._names[header.device]
+                    readings.append(Reading(header.device, number, time_us, host_s, names, received.values))
                 case SampleMessage(header=header):
                     self._ask(header.device, host_s)
                 case DescriptionMessage() as message:
                     self._learn(message, host_s)
                 case TextMessage(header=header, text=text):
-                    self._remarks.add(host_s, "info", f"device {header.device}: {text}")
+                    self._remark(host_s, "info", f"device {header.device}: {text}")
                 case AskMessage():
                     pass  # an echo of the host's own
         return readings
@@ -60,7 +57,6 @@ class SoftfuseFrames(AbstractDriver):
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """What became of the packets and of the bytes."""
         counts = self._decoder.counts
         return {
             "samples": counts.samples - counts.undescribed,
@@ -72,7 +68,7 @@ class SoftfuseFrames(AbstractDriver):
             "of another version": counts.unknown_version,
             "of an unknown kind": counts.unknown_kind,
             "bytes discarded": counts.line.bytes_discarded,
-            "remarks left out": self._remarks.left_out,
+            "remarks left out": self._left_out,
         }
 
     def greeting(self) -> tuple[bytes, ...]:
@@ -80,29 +76,10 @@ class SoftfuseFrames(AbstractDriver):
         # The 0x00 ends what the line may have made up while it was plugged in.
         return (b"\0" + _question(EVERY_DEVICE),)
 
-    def farewell(self) -> bytes:
-        """Nothing: devices send whether somebody listens or not."""
-        return b""
-
     def take_requests(self) -> bytes:
         """Questions to devices whose samples cannot be read."""
         requests, self._requests = self._requests, b""
         return requests
-
-    def take_notices(self) -> list[Notice]:
-        """Devices' remarks, and what devices there are."""
-        return self._remarks.take()
-
-    def _reading(self, received: Received, header: Header) -> Reading:
-        assert received.values is not None
-        return Reading(
-            device=header.device,
-            sequence=header.sequence,
-            device_time_us=header.time_us,
-            host_s=received.host_s,
-            names=self._names[header.device],
-            values=received.values,
-        )
 
     def _ask(self, device: int, host_s: float) -> None:
         if abs(host_s - self._asked.get(device, -ASK_AGAIN_S)) < ASK_AGAIN_S:
@@ -117,7 +94,7 @@ class SoftfuseFrames(AbstractDriver):
         before = self._names.pop(device, None)
         self._names[device] = description.names
         if before != description.names:
-            self._remarks.add(
+            self._remark(
                 host_s,
                 "info",
                 f"device {device} is {description.name!r}, with {len(description.channels)} channels",

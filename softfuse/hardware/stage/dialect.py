@@ -24,12 +24,20 @@ class Halted(Exception):
 
 
 @dataclass(frozen=True)
-class Report:
-    """What a line of the firmware tells of the stage."""
+class Heard:
+    """What a line of the firmware says."""
 
-    place: Millimetres | None
+    greeting: bool = False
+    """That the firmware listens."""
+    answer: bool = False
+    """That a command was taken."""
+    refusal: str | None = None
+    """Why a command was not taken."""
+    trouble: str | None = None
+    """What has happened and what to do, since the stage has given up."""
+    place: Millimetres | None = None
     """Where it is [mm], in the coordinates that moves are given in; None where the line does not tell."""
-    state: str
+    state: str = ""
     """What it does, in the firmware's word; "" where the line does not tell."""
 
 
@@ -54,24 +62,8 @@ class AbstractDialect(ABC):
     """Stops the seeking of the end switches at once."""
 
     @abstractmethod
-    def greeted(self, line: str) -> bool:
-        """Whether the firmware says with this line that it listens."""
-
-    @abstractmethod
-    def answered(self, line: str) -> bool:
-        """Whether this line says that a command was taken."""
-
-    @abstractmethod
-    def refused(self, line: str) -> str | None:
-        """Why a command was not taken, where the line says so."""
-
-    @abstractmethod
-    def broken(self, line: str) -> str | None:
-        """What has happened and what to do, where the line says that the stage has given up."""
-
-    @abstractmethod
-    def report(self, line: str) -> Report | None:
-        """What the line tells of place and state, if it does."""
+    def heard(self, line: str) -> Heard:
+        """What a line says; a dialect may remember it."""
 
     @abstractmethod
     def working(self, state: str) -> bool:
@@ -141,18 +133,17 @@ class Talk:
         deadline = monotonic() + patience_s
         pulse = monotonic() + PULSE_S
         while True:
-            for line in self._trusted_lines():
+            for heard in self._trusted_lines():
                 if self._dialect.working(self.state):
                     deadline = monotonic() + patience_s
-                if self._dialect.answered(line):
+                if heard.answer:
                     # Some answer what was stopped as if it had been done.
                     if self._halted.is_set():
                         raise Halted
                     return
-                reason = self._dialect.refused(line)
-                if reason is not None:
+                if heard.refusal is not None:
                     self.drain()
-                    raise HardwareError(f"the stage did not take {text!r}: {reason}")
+                    raise HardwareError(f"the stage did not take {text!r}: {heard.refusal}")
             if self._halted.is_set():
                 raise Halted
             if monotonic() > pulse and self._dialect.pulse:
@@ -185,8 +176,9 @@ class Talk:
             if self.lines():
                 quiet = monotonic() + QUIET_S
 
-    def lines(self) -> list[str]:
-        """The lines that have come, at once, or none after a moment; what they tell of the stage is kept.
+    def lines(self) -> list[Heard]:
+        """What the lines say that have come, at once, or none after a moment; what they tell of the stage is
+        kept.
 
         HardwareError where the port is gone.
         """
@@ -196,24 +188,19 @@ class Talk:
             raise HardwareError(f"the stage's port went away: {error}") from error
         *ended, begun = (self._partial + data).split(b"\n")
         self._partial = begun[:LONGEST_LINE]
-        lines = [line[:LONGEST_LINE].decode("ascii", "replace").strip() for line in ended]
-        for line in lines:
-            self._hear(line)
-        return [line for line in lines if line]
+        lines = (line[:LONGEST_LINE].decode("ascii", "replace").strip() for line in ended)
+        found = [self._dialect.heard(line) for line in lines if line]
+        for heard in found:
+            self.place = heard.place or self.place
+            self.state = heard.state or self.state
+            if heard.trouble is not None:
+                self.trouble, self.place = heard.trouble, None
+        return found
 
-    def _hear(self, line: str) -> None:
-        report = self._dialect.report(line)
-        if report is not None:
-            self.place = report.place or self.place
-            self.state = report.state or self.state
-        trouble = self._dialect.broken(line)
-        if trouble is not None:
-            self.trouble, self.place = trouble, None
-
-    def _trusted_lines(self) -> list[str]:
-        """The lines that have come; HardwareError where one says that the stage has given up."""
+    def _trusted_lines(self) -> list[Heard]:
+        """What the lines say that have come; HardwareError where one says that the stage has given up."""
         lines = self.lines()
-        if any(self._dialect.greeted(line) for line in lines):
+        if any(heard.greeting for heard in lines):
             self.trouble, self.place = "it was reset, and the position is lost: home it", None
         self.check()
         return lines

@@ -11,17 +11,68 @@ import math
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
 from time import monotonic
 
 from softfuse.errors import HardwareError
-from softfuse.hardware.source.port import AbstractPort
+from softfuse.hardware.source.connection import remedy
+from softfuse.hardware.source.port import AbstractPort, open_serial
 from softfuse.hardware.stage.dialect import PATIENCE_S, AbstractDialect, Halted, Millimetres, Talk
-from softfuse.hardware.stage.workspace import TOLERANCE, Place, Workspace
+from softfuse.hardware.stage.grbl import Grbl
+from softfuse.hardware.stage.marlin import Marlin
 
+Place = tuple[float, float, float]
+"""x, y, z [m], in the stage's coordinates."""
+_AXES = "xyz"
+
+TOLERANCE = 0.02e-3
+"""How far from its target a stage may stop [m]; firmwares round to a step."""
 GREETING_S = 10.0
 """How long a board may take to start [s]."""
 HELLO_AGAIN_S = 1.0
 HOMING_S = 120.0
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A box and a greatest speed; HardwareError where they are none.
+
+    A straight move between two points of the box stays in it; one from outside, after homing, comes in. A
+    stage that stands at the box's edge, as exactly as stages do, may retreat along it.
+    """
+
+    lowest: Place
+    highest: Place
+    fastest: float
+    """[m/s]"""
+
+    def __post_init__(self) -> None:
+        for axis, low, high in zip(_AXES, self.lowest, self.highest, strict=True):
+            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+                raise HardwareError(
+                    f"the stage's {axis} cannot lie between {_mm(low)} and {_mm(high)}: "
+                    "give the lowest first, then the highest"
+                )
+        if not (math.isfinite(self.fastest) and self.fastest > 0.0):
+            raise HardwareError(f"the stage's greatest speed cannot be {_mm(self.fastest)}/s")
+
+    def check(self, place: Place, speed: float) -> None:
+        """HardwareError unless the stage may go to the place [m] with the speed [m/s]."""
+        for axis, value, low, high in zip(_AXES, place, self.lowest, self.highest, strict=True):
+            if not low - TOLERANCE <= value <= high + TOLERANCE:
+                raise HardwareError(
+                    f"the stage must not go to {axis} = {_mm(value)}: {axis} lies between {_mm(low)} and "
+                    f"{_mm(high)}; nothing has moved"
+                )
+        if not 0.0 < speed <= self.fastest:
+            raise HardwareError(
+                f"the stage must not go with {_mm(speed)}/s: up to {_mm(self.fastest)}/s; nothing has moved"
+            )
+
+
+def _mm(length: float) -> str:
+    return f"{1e3 * length:g} mm"
 
 
 class GcodeStage:
@@ -142,7 +193,7 @@ class GcodeStage:
             self._talk.send(self._dialect.hello)
             pause = monotonic() + HELLO_AGAIN_S
             while monotonic() < pause:
-                if any(self._dialect.greeted(line) for line in self._talk.lines()):
+                if any(heard.greeting for heard in self._talk.lines()):
                     # Answers to a hello before, and remarks.
                     self._talk.drain()
                     self._talk.trouble = None
@@ -161,3 +212,21 @@ def _metres(place: Millimetres) -> Place:
 
 def _shown(place: Millimetres) -> str:
     return f"({', '.join(f'{value:.3f}' for value in place)}) mm"
+
+
+class Firmware(StrEnum):
+    """What a stage is controlled by."""
+
+    GRBL = "grbl"
+    MARLIN = "marlin"
+
+
+def open_stage(url: str, baud: int, firmware: Firmware, workspace: Workspace) -> GcodeStage:
+    """The stage at a port, to be connected, which may go where the workspace allows; HardwareError where the
+    port cannot be opened.
+    """
+    try:
+        port = open_serial(url, baud)
+    except OSError as error:
+        raise HardwareError(remedy(url, error)) from error
+    return GcodeStage(port, Grbl() if firmware is Firmware.GRBL else Marlin(), workspace)

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from time import monotonic
 
 from softfuse.errors import HardwareError
-from softfuse.hardware.stage.dialect import PATIENCE_S, AbstractDialect, Millimetres, Report, Talk
+from softfuse.hardware.stage.dialect import PATIENCE_S, AbstractDialect, Heard, Millimetres, Talk
 
 _HOME_AGAIN = "the position is lost: reset and home the stage"
 ALARMS = {
@@ -70,42 +70,28 @@ class Grbl(AbstractDialect):
     def __init__(self) -> None:
         self._offset: Millimetres | None = None
 
-    def greeted(self, line: str) -> bool:
-        """The start-up line."""
-        return line.startswith("Grbl ")
-
-    def answered(self, line: str) -> bool:
-        """ok"""
-        return line == "ok"
-
-    def refused(self, line: str) -> str | None:
-        """error:N"""
-        number = _number(line, "error:")
-        return None if number is None else f"{ERRORS.get(number, 'see its table of errors')} (error {number})"
-
-    def broken(self, line: str) -> str | None:
-        """ALARM:N"""
-        number = _number(line, "ALARM:")
-        return None if number is None else f"{ALARMS.get(number, 'see its table of alarms')} (alarm {number})"
-
-    def report(self, line: str) -> Report | None:
-        """The answer to "?"; without a place until the offset has been told."""
+    def heard(self, line: str) -> Heard:
+        """A status has no place until the offset has been told, which a reset forgets."""
+        if line.startswith("Grbl "):
+            # The first report after a reset tells the offset anew.
+            self._offset = None
+            return Heard(greeting=True)
+        error, alarm = _number(line, "error:"), _number(line, "ALARM:")
+        if error is not None:
+            return Heard(refusal=f"{ERRORS.get(error, 'see its table of errors')} (error {error})")
+        if alarm is not None:
+            return Heard(trouble=f"{ALARMS.get(alarm, 'see its table of alarms')} (alarm {alarm})")
         match = _STATUS.fullmatch(line)
         if match is None:
-            # The first report after a reset tells the offset anew.
-            if self.greeted(line):
-                self._offset = None
-            return None
+            return Heard(answer=line == "ok")
         fields = dict(field.split(":", 1) for field in match[2].split("|") if ":" in field)
         if "WCO" in fields:
             self._offset = _triple(fields["WCO"])
-        if "WPos" in fields:
-            return Report(_triple(fields["WPos"]), match[1])
-        machine = _triple(fields.get("MPos", ""))
-        if machine is None or self._offset is None:
-            return Report(None, match[1])
-        x, y, z = (there - offset for there, offset in zip(machine, self._offset, strict=True))
-        return Report((x, y, z), match[1])
+        place = _triple(fields.get("WPos", fields.get("MPos", "")))
+        if "WPos" in fields or place is None or self._offset is None:
+            return Heard(place=place if "WPos" in fields else None, state=match[1])
+        x, y, z = (there - offset for there, offset in zip(place, self._offset, strict=True))
+        return Heard(place=(x, y, z), state=match[1])
 
     def working(self, state: str) -> bool:
         """Not while it is idle, held, or waits for a door."""
@@ -126,7 +112,7 @@ class Grbl(AbstractDialect):
         _ask_until(talk, lambda: _stands(talk.state), _STANDING_S, talk.send_halted)
         talk.send_halted(_RESET)
         end = monotonic() + PATIENCE_S
-        while not any(self.greeted(line) for line in talk.lines()):
+        while not any(heard.greeting for heard in talk.lines()):
             if monotonic() > end:
                 raise HardwareError("the stage does not greet after a reset: switch it off and on")
         talk.drain()

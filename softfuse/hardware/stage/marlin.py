@@ -18,7 +18,7 @@ import re
 from time import monotonic
 
 from softfuse.errors import HardwareError
-from softfuse.hardware.stage.dialect import AbstractDialect, Millimetres, Report, Talk
+from softfuse.hardware.stage.dialect import AbstractDialect, Heard, Millimetres, Talk
 
 _PLACE = re.compile(r"X:\s*(-?[\d.]+) Y:\s*(-?[\d.]+) Z:\s*(-?[\d.]+)(?: .*)?")
 _STANDING_S = 10.0
@@ -37,42 +37,32 @@ class Marlin(AbstractDialect):
     pulse = b""
     halt = abort = b"M410\n"
 
-    def greeted(self, line: str) -> bool:
-        """The answer to M115."""
-        return line.startswith("FIRMWARE_NAME:")
-
-    def answered(self, line: str) -> bool:
-        """ok, perhaps with the state of the buffers"""
-        return line == "ok" or line.startswith("ok ")
-
-    def refused(self, line: str) -> str | None:
-        """What is no command to it; anything else that it does not like it tells as an error."""
-        if line.startswith("echo:Unknown command"):
-            return line.removeprefix("echo:")
-        if line.startswith("echo:Home") and "first" in line.lower():
-            return f"{line.removeprefix('echo:')}: home the stage"
-        if line.startswith("Error:") and self.broken(line) is None:
-            return line.removeprefix("Error:")
-        return None
-
-    def broken(self, line: str) -> str | None:
-        """Halted, or reset behind the host's back."""
-        if line.startswith("Error:") and any(word in line for word in _FATAL):
-            return f"{line.removeprefix('Error:')} Reset it and home the stage"
+    def heard(self, line: str) -> Heard:
+        """It tells as an error what it does not like, be it that it has given up."""
+        if line.startswith("FIRMWARE_NAME:"):
+            return Heard(greeting=True)
+        # Perhaps with the state of the buffers.
+        if line == "ok" or line.startswith("ok "):
+            return Heard(answer=True)
         if line == "start":
-            return "it was reset, the position is lost: home the stage"
-        return None
-
-    def report(self, line: str) -> Report | None:
-        """The answer to M114."""
+            return Heard(trouble="it was reset, the position is lost: home the stage")
+        error, remark = line.removeprefix("Error:"), line.removeprefix("echo:")
+        if error != line and any(word in line for word in _FATAL):
+            return Heard(trouble=f"{error} Reset it and home the stage")
+        if error != line:
+            return Heard(refusal=error)
+        if line.startswith("echo:Unknown command"):
+            return Heard(refusal=remark)
+        if line.startswith("echo:Home") and "first" in line.lower():
+            return Heard(refusal=f"{remark}: home the stage")
         match = _PLACE.fullmatch(line)
         if match is None:
-            return None
+            return Heard()
         try:
             x, y, z = (float(part) for part in match.groups())
         except ValueError:
-            return None
-        return Report((x, y, z), "")
+            return Heard()
+        return Heard(place=(x, y, z))
 
     def working(self, state: str) -> bool:
         """Whatever it says: it tells that it is busy, and does not say with what."""

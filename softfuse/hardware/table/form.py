@@ -1,12 +1,12 @@
-"""What may be told about how a table of readings is written, and numbers as texts."""
+"""What is looked for in a table of readings of which nothing is told, and numbers as texts."""
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Literal
 
+from softfuse.robot.recording import RecordingSettings
+
 Decimal = Literal[".", ","]
-Unit = Literal["s", "ms", "us", "ns"]
 SEPARATORS = ("\t", ";", ",", "|", " ")
 """Those that are looked for; a blank stands for any run of blanks."""
 PER_SECOND: Mapping[str, float] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
@@ -16,31 +16,8 @@ MISSING = frozenset(
 """Fields, in small letters, that say that there is no reading."""
 
 
-@dataclass(frozen=True)
-class TableForm:
-    """How a table is written; what is None is found in the file."""
-
-    separator: str | None = None
-    decimal: Decimal | None = None
-    """The decimal point or comma."""
-    encoding: str | None = None
-    time: str | None = None
-    """The column of the time."""
-    time_unit: Unit | None = None
-    rate: float | None = None
-    """Rows per second [Hz]; whatever the file says of the time does not count then."""
-    columns: Mapping[str, str] = field(default_factory=dict)
-    """Name in the file -> name of the channel; others keep theirs."""
-    layout: Literal["wide", "long"] | None = None
-    """A column for each channel, or a row for each reading: its time, which channel, its value."""
-    id: str | None = None
-    """In a long table, the column that says which channel."""
-    value: str | None = None
-    """In a long table, the column of the reading."""
-
-
-FOUND = TableForm()
-"""Nothing is told."""
+FOUND = RecordingSettings()
+"""Nothing is told of how a table is written."""
 
 
 def number(text: str, decimal: Decimal) -> float | None:

@@ -11,8 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from softfuse.hardware.table.rows import Block
+
 _SHARED = 1.5
 """Readings per time, from which on times are shared."""
+_IDS = frozenset(
+    ("id", "name", "channel", "channel_id", "channel_name", "ch", "sensor", "sensor_id", "sensor_name")
+    + ("signal", "signal_name", "topic", "key", "variable", "label", "tag", "source", "metric", "field")
+    + ("series",)
+)
+_VALUES = frozenset(("value", "values", "val", "reading", "data", "measurement", "raw", "v", "y"))
 
 
 @dataclass
@@ -36,17 +44,6 @@ class Readings:
         return Readings(**{name: values[at] for name, values in vars(self).items()})
 
 
-@dataclass
-class Pivoted:
-    """Frames (m,) of c channels."""
-
-    time_s: Float[np.ndarray, " m"]
-    values: list[Float[np.ndarray, " m"]]
-    line: Int[np.ndarray, " m"]
-    """(m,) of its first reading."""
-    malformed: Bool[np.ndarray, " m"]
-
-
 class Pivot:
     """Gathers readings of so many channels, which come in pieces, into frames."""
 
@@ -56,7 +53,7 @@ class Pivot:
         self._rest: Readings | None = None
         self._shared: bool | None = None
 
-    def add(self, readings: Readings) -> Pivoted:
+    def add(self, readings: Readings) -> Block:
         """The frames that end in the next readings."""
         known = readings.part(readings.channel >= 0)
         known = known if self._rest is None else known.after(self._rest)
@@ -68,7 +65,7 @@ class Pivot:
         self._rest = known.part(slice(last, None))
         return self._frames(known.part(slice(0, last)), np.cumsum(begins[:last]) - 1)
 
-    def end(self) -> Pivoted:
+    def end(self) -> Block:
         """The frame that was not ended."""
         rest = self._rest
         if rest is None:
@@ -84,7 +81,7 @@ class Pivot:
         again = known.channel[1:] <= known.channel[:-1]
         return np.concatenate([[True], later if self._shared else again])
 
-    def _frames(self, known: Readings, frame: Int[np.ndarray, " m"]) -> Pivoted:
+    def _frames(self, known: Readings, frame: Int[np.ndarray, " m"]) -> Block:
         n = int(frame[-1]) + 1 if len(frame) else 0
         table = np.full((self._channels, n), np.nan)
         table[known.channel, frame] = known.value
@@ -92,7 +89,7 @@ class Pivot:
         last = np.searchsorted(frame, np.arange(n), side="right") - 1
         malformed = np.zeros(n, bool)
         malformed[frame[known.malformed]] = True
-        return Pivoted(known.time_s[last], list(table), known.line[first], malformed)
+        return Block(known.time_s[last], list(table), known.line[first], malformed)
 
 
 def long_columns(
@@ -110,21 +107,3 @@ def long_columns(
             return None
         found.append(among[0])
     return found[0], found[1]
-
-
-_IDS = frozenset(
-    (
-        "id",
-        "name",
-        "channel",
-        "channel_id",
-        "channel_name",
-        "ch",
-        "sensor",
-        "sensor_id",
-        "sensor_name",
-        "signal",
-    )
-    + ("signal_name", "topic", "key", "variable", "label", "tag", "source", "metric", "field", "series")
-)
-_VALUES = frozenset(("value", "values", "val", "reading", "data", "measurement", "raw", "v", "y"))

@@ -2,21 +2,19 @@
 
 import logging
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Int
 
 from softfuse.errors import RecordingError
-from softfuse.hardware.table.blocks import TextBlocks
-from softfuse.hardware.table.dialect import Dialect, find_dialect
-from softfuse.hardware.table.form import TableForm, number
+from softfuse.hardware.table.dialect import Dialect, find_dialect, find_time, time_column, time_name
+from softfuse.hardware.table.form import number
 from softfuse.hardware.table.long import Pivot, Readings, long_columns
-from softfuse.hardware.table.rows import RowReader, Rows
-from softfuse.hardware.table.time_column import find_time, time_column, time_name
+from softfuse.hardware.table.rows import Block, RowReader, TextBlocks
+from softfuse.robot.recording import RecordingSettings
 
 logger = logging.getLogger(__name__)
 
@@ -24,24 +22,10 @@ TIME = "time_s"
 _LISTED = 40
 
 
-@dataclass
-class Block:
-    """Some frames, m of them."""
-
-    time_s: Float[np.ndarray, " m"]
-    values: list[Float[np.ndarray, " m"]]
-    """(m,) of each channel, NaN where there is no number."""
-    line: Int[np.ndarray, " m"]
-    malformed: Bool[np.ndarray, " m"]
-    """(m,) rows with fields that could not be read, too few or too many."""
-    labels: dict[int, Int[np.ndarray, " m"]] = field(default_factory=dict)
-    """Of channels that hold texts, by number: (m,) which of `Table.labels`, -1 where there is none."""
-
-
 class Table:
     """A table whose header has been read; without the column of the time where none is wanted (`timed`)."""
 
-    def __init__(self, path: Path, required: Sequence[str], told: TableForm, *, timed: bool = True):
+    def __init__(self, path: Path, required: Sequence[str], told: RecordingSettings, *, timed: bool = True):
         """required: names of channels of which every row should have a number.
 
         Raises RecordingError, which says what is missing and what there is, when the file cannot be read, has
@@ -62,17 +46,17 @@ class Table:
         place = find_time(dialect.names, told) if timed else None
         self._per_second = 1.0
         # The time and a column that a rate makes up for are no channels; only the time is read.
-        self._read_time = [place] if place is not None and told.rate is None else []
-        if self._read_time:
-            self._per_second = self._unit(dialect, self._read_time[0])
+        read_time = place if told.rate is None else None
+        if read_time is not None:
+            self._per_second = self._unit(dialect, read_time)
         elif timed and told.rate is None:
             self._refuse([told.time or TIME], dialect.names)
         self._long: _Long | None = None
         long = self._long_places(dialect, place, required)
         if long is not None:
-            self._reader = RowReader(dialect, [*self._read_time, *long], [*self._read_time, long[1]])
+            self._reader = RowReader(dialect, read_time, long, long[1:])
             head = [*self._rows(next(self._blocks, b""))]
-            self._long = _Long(self._reader, len(self._read_time), told, head, required)
+            self._long = _Long(self._reader, told, head, required)
             self._head, self.channels = head, tuple(self._long.channels)
             return
         self._head = []
@@ -90,8 +74,7 @@ class Table:
                 f"the recording {path} names the column {twice[0]!r} twice: rename or drop one"
             )
         needed = [k for (k, _), name in zip(named, self.channels, strict=True) if name in set(required)]
-        places = [k for k, _ in named]
-        self._reader = RowReader(dialect, [*self._read_time, *places], [*self._read_time, *needed])
+        self._reader = RowReader(dialect, read_time, [k for k, _ in named], needed)
 
     @property
     def complete(self) -> bool:
@@ -101,16 +84,13 @@ class Table:
     @property
     def labels(self) -> dict[int, list[str]]:
         """The texts that have been found so far, by the channel's number."""
-        if self._long is not None:
-            return {}
-        skipped = len(self._read_time)
-        return {c - skipped: list(texts) for c, texts in self._reader.labels.items()}
+        found = {} if self._long is not None else self._reader.labels
+        return {c: list(texts) for c, texts in found.items()}
 
     @property
     def worded(self) -> frozenset[int]:
         """The channels of whose first fields some are texts and none is a number, by number."""
-        none = self._long is not None
-        return frozenset(() if none else (c - len(self._read_time) for c in self._reader.worded))
+        return frozenset(() if self._long is not None else self._reader.worded)
 
     def blocks(self) -> Iterator[Block]:
         """The frames; RecordingError where a line is too long for any table, or at the end of a long table
@@ -124,20 +104,15 @@ class Table:
             yield block
 
     def _untimed(self) -> Iterator[Block]:
-        skipped = len(self._read_time)
         for rows in chain(self._head, chain.from_iterable(map(self._rows, self._blocks))):
-            time = rows.values[0] / self._per_second if skipped else np.full(len(rows.line), np.nan)
-            if self._long is not None:
-                yield self._long.block(rows, time)
-                continue
-            labels = {c - skipped: codes for c, codes in rows.labels.items()}
-            yield Block(time, rows.values[skipped:], rows.line, rows.malformed, labels)
+            rows.time_s = rows.time_s / self._per_second
+            yield rows if self._long is None else self._long.block(rows)
         if self._long is not None:
             yield self._long.end()
             if self._long.absent:
                 self._refuse(self._long.absent, [n for n in self.channels if n not in self._long.absent])
 
-    def _rows(self, block: bytes) -> Iterator[Rows]:
+    def _rows(self, block: bytes) -> Iterator[Block]:
         line, self._line = self._line, self._line + block.count(b"\n")
         yield from self._reader.read(block, line) if block else ()
 
@@ -195,9 +170,9 @@ class _Long:
     """Rows of readings as frames of the channels that are required or come among the first rows."""
 
     def __init__(
-        self, reader: RowReader, skipped: int, told: TableForm, head: Sequence[Rows], required: Sequence[str]
+        self, reader: RowReader, told: RecordingSettings, head: Sequence[Block], required: Sequence[str]
     ):
-        self._reader, self._skipped, self._told = reader, skipped, told
+        self._reader, self._told = reader, told
         names = [self._name(text) for rows in head for text in self._texts(rows)]
         self.channels = list(dict.fromkeys([*names, *required]))
         self._number = {name: c for c, name in enumerate(self.channels)}
@@ -206,7 +181,7 @@ class _Long:
         self.absent = [name for name in required if name not in names]
         """Channels that are required and have not come yet."""
 
-    def block(self, rows: Rows, time: Float[np.ndarray, " m"]) -> Block:
+    def block(self, rows: Block) -> Block:
         channel = np.full(len(rows.line), -1)
         for text, at in self._texts(rows).items():
             name = self._name(text)
@@ -218,20 +193,20 @@ class _Long:
                 logger.warning(
                     "the channel %r, which first comes in line %d, is left out", name, rows.line[at][0]
                 )
-        read = Readings(time, channel, rows.values[self._skipped + 1], rows.line, rows.malformed)
-        return Block(**vars(self._pivot.add(read)))
+        read = Readings(rows.time_s, channel, rows.values[1], rows.line, rows.malformed)
+        return self._pivot.add(read)
 
     def end(self) -> Block:
-        return Block(**vars(self._pivot.end()))
+        return self._pivot.end()
 
     def _name(self, text: str) -> str:
         return self._told.columns.get(text, text)
 
-    def _texts(self, rows: Rows) -> dict[str, Int[np.ndarray, " k"]]:
+    def _texts(self, rows: Block) -> dict[str, Int[np.ndarray, " k"]]:
         """The channels' texts in some rows, in the order of their coming, and in which rows each stands."""
-        numbers = rows.values[self._skipped]
-        texts = list(self._reader.labels.get(self._skipped, {}))
-        codes = rows.labels.get(self._skipped, np.full(len(rows.line), -1))
+        numbers = rows.values[0]
+        texts = list(self._reader.labels.get(0, {}))
+        codes = rows.labels.get(0, np.full(len(rows.line), -1))
         found = {texts[code]: np.flatnonzero(codes == code) for code in np.unique(codes[codes >= 0])}
         for value in np.unique(numbers[np.isfinite(numbers)]):
             found[f"{value:g}"] = np.flatnonzero(numbers == value)

@@ -6,14 +6,14 @@ an interruption by people included, is followed by a retreat straight up, and by
 """
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from softfuse.errors import HardwareError
-from softfuse.hardware.stage.gcode import GcodeStage
-from softfuse.hardware.stage.workspace import Workspace
+from softfuse.hardware.stage.gcode import GcodeStage, Workspace
 from softfuse.hardware.testbed.gathering import Gathering
 from softfuse.hardware.testbed.places import Point
 from softfuse.hardware.testbed.procedure import (
@@ -22,14 +22,11 @@ from softfuse.hardware.testbed.procedure import (
     Hold,
     Move,
     Place,
-    Press,
     PressSettings,
     Rest,
     Seen,
     Tare,
-    advance,
-    begin,
-    give_up,
+    press,
 )
 
 WATCH_S = 0.005
@@ -75,7 +72,7 @@ class Bench:
         self._origin = np.array(origin)
         self._samples: list[tuple[float, float]] = []
 
-    def press(self, places: Sequence[Point], first: int, remark: Callable[[str], None]) -> Iterator[Pressed]:
+    def press(self, places: Sequence[Point], first: int) -> Iterator[Pressed]:
         """Press the places [m] in order, numbered from `first`; each when it is done.
 
         HardwareError for whatever is not as it should be, after the retreat.
@@ -85,67 +82,68 @@ class Bench:
         for number, at in enumerate(places, start=first):
             self._samples = []
             self._gathering.relabel(press=number, at=at)
-            self._press(at, remark)
+            self._press(at)
             yield Pressed(number, at, tuple(self._samples))
 
-    def _press(self, at: Point, remark: Callable[[str], None]) -> None:
-        now = begin(self._settings, *at, self._here())
+    def _press(self, at: Point) -> None:
+        actions = press(self._settings, *at, self._here())
         watch = _Watch(self._stage, self._gathering, self._settings.force_limit)
         watch.start()
         try:
-            while now.action is not None:
-                try:
-                    seen = self._done(now, now.action, watch, remark)
-                    if now.trouble is None:
-                        watch.check()
-                except HardwareError as error:
-                    watch.end()
-                    if now.trouble is not None:
-                        raise HardwareError(
-                            f"{now.trouble}; and the retreat failed, lift the stage by hand: {error}"
-                        ) from error
-                    now = self._given_up(now, watch.trouble or str(error))
-                    continue
-                now = advance(self._settings, now, seen)
-                if now.trouble is not None:
-                    # The force may still be too large, and that must not stop the retreat.
-                    watch.end()
+            self._carry_out(actions, at, watch)
         except KeyboardInterrupt:
             # The stage may still be moving.
             watch.end()
             self._stage.stop()
-            self._retreat()
+            self._retreat(self._here())
             raise
         finally:
             watch.end()
-        if now.trouble is not None:
-            raise HardwareError(f"press at ({1e3 * at[0]:g}, {1e3 * at[1]:g}) mm: {now.trouble}")
 
-    def _given_up(self, now: Press, trouble: str) -> Press:
+    def _carry_out(self, actions: Generator[Action, Seen, None], at: Point, watch: "_Watch") -> None:
+        """Do all actions of the press at a place; HardwareError after a retreat where something is wrong."""
         try:
-            return give_up(self._settings, now, self._here(), trouble)
+            with suppress(StopIteration):
+                action = next(actions)
+                while True:
+                    seen = self._done(action, watch)
+                    watch.check()
+                    action = actions.send(seen)
+        except HardwareError as error:
+            # The force may still be too large, and that must not stop the retreat.
+            watch.end()
+            trouble = watch.trouble or str(error)
+            self._give_up(trouble)
+            raise HardwareError(f"press at ({1e3 * at[0]:g}, {1e3 * at[1]:g}) mm: {trouble}") from error
+
+    def _give_up(self, trouble: str) -> None:
+        try:
+            here = self._here()
         except HardwareError as error:
             raise HardwareError(
                 f"{trouble}; and where the stage is is not known, lift it by hand: {error}"
             ) from error
+        try:
+            self._retreat(here)
+        except HardwareError as error:
+            raise HardwareError(
+                f"{trouble}; and the retreat failed, lift the stage by hand: {error}"
+            ) from error
 
-    def _done(self, now: Press, action: Action, watch: "_Watch", remark: Callable[[str], None]) -> Seen:
+    def _done(self, action: Action, watch: "_Watch") -> Seen:
         """Do an action."""
-        gathering = self._gathering
+        gathering, force = self._gathering, np.nan
         match action:
             case Move(to, speed):
                 self._go(to, speed)
-                return Seen(to)
             case Tare(seconds):
                 watch.armed = False
                 gathering.relabel(zero=gathering.reading(seconds))
                 watch.armed = True
-                return Seen(self._stood())
             case Feel(seconds):
-                return Seen(self._stood(), gathering.force(seconds))
+                force = gathering.force(seconds)
             case Rest(seconds):
                 gathering.reading(seconds)
-                return Seen(self._stood())
             case Hold(level, seconds):
                 average = min(AVERAGE_S, 0.5 * seconds)
                 gathering.reading(seconds - average)
@@ -154,10 +152,10 @@ class Bench:
                 gathering.mark(level, force)
                 depth = -self._stood().height
                 self._samples.append((force, depth))
-                remark(
+                gathering.remark(
                     f"press {gathering.label.press}, level {level}: {force:.2f} N, {1e3 * depth:.2f} mm deep"
                 )
-                return Seen(self._stood(), force)
+        return Seen(self._stood().height, force)
 
     def _go(self, to: Place, speed: float) -> None:
         target = self._origin + (to.x, to.y, to.height)
@@ -173,8 +171,8 @@ class Bench:
         """Where it last said that it was."""
         return Place(*(np.array(self._gathering.label.stage) - self._origin).tolist())
 
-    def _retreat(self) -> None:
-        here = self._here()
+    def _retreat(self, here: Place) -> None:
+        """Straight up from there, if that is low."""
         if here.height < self._settings.clearance:
             self._go(Place(here.x, here.y, self._settings.clearance), self._settings.retreat_speed)
 

@@ -10,18 +10,24 @@ the chunks.
 import queue
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from softfuse.errors import HardwareError
-from softfuse.hardware.live.assembler import Assembled
-from softfuse.hardware.live.pipeline import Pipeline
-from softfuse.hardware.record.entries import FrameEntry
+from softfuse.errors import ConfigError, HardwareError
+from softfuse.hardware.live.pipeline import Assembled, Pipeline
+from softfuse.hardware.record.entries import FrameEntry, SessionInfo
+from softfuse.hardware.source.configured import connection_of, driver_of
+from softfuse.hardware.stage.gcode import GcodeStage
 from softfuse.hardware.stream import Chunk, HostClock, Notice
+from softfuse.hardware.testbed.files import Outputs
 from softfuse.hardware.testbed.places import LABELS
 from softfuse.hardware.testbed.procedure import beyond
+from softfuse.robot.robot import require_sensors
+from softfuse.robot.settings import RobotSettings
 
 STAGE = ("stage_x_mm", "stage_y_mm", "stage_z_mm")
 """Columns of where the stage last stood, in its own coordinates."""
@@ -67,56 +73,79 @@ class _Felt:
 
 
 class Gathering:
-    """Gathers from `start` to `stop`; made before its connections are opened."""
+    """Opens the configuration's sources and gathers what they say."""
 
     def __init__(
-        self,
-        pipeline: Pipeline,
-        axis: ForceAxis,
-        clock: HostClock,
-        *,
-        send: Callable[[int, bytes], None],
-        write: Callable[[Chunk | FrameEntry | Notice], None],
-        tell: Callable[[Notice], None],
+        self, config: RobotSettings, axis: ForceAxis, clock: HostClock, *, tell: Callable[[Notice], None]
     ) -> None:
-        """`send`: to a source, soon; `write`: called from the gathering's thread with all there is to write
-        down; `tell`: with what people should know.
+        """`tell`: called with what people should know.
+
+        ConfigError where the configuration has no sensors or no sources.
         """
-        self.channels = (*pipeline.wanted, *STAGE, *LABELS)
-        """Of the frames."""
-        self._pipeline, self._axis, self._clock = pipeline, axis, clock
-        self._index = pipeline.wanted.index(axis.channel)
-        self._send, self._write, self._tell = send, write, tell
+        if not config.sources:
+            raise ConfigError(
+                f"{config.path}: source: missing; write a [[source]] for the device and the force sensor"
+            )
+        require_sensors(config)
+        known = (name for source in config.sources for name in source.known_channels)
+        wanted = list(dict.fromkeys((*config.channels, *known, axis.channel)))
+        drivers = [driver_of(source) for source in config.sources]
+        self._pipeline, self._axis, self._clock, self._tell = Pipeline(wanted, drivers), axis, clock, tell
         self._inbox: queue.Queue[Chunk | Notice | None] = queue.Queue(_INBOX)
+        self._connections = [
+            connection_of(k, source, driver, self._inbox.put, self.tell, clock)
+            for k, (source, driver) in enumerate(zip(config.sources, drivers, strict=True))
+        ]
+        self._index = wanted.index(axis.channel)
+        self._outputs: Outputs | None = None
         self._felt: deque[_Felt] = deque(maxlen=_KEPT)
         self._changed = threading.Condition()
         self._label = Label(press=0)
         self._mark: tuple[int, float] | None = None
         self._failure: BaseException | None = None
         self._thread = threading.Thread(target=self._guarded, name="softfuse gathering", daemon=True)
-        self.frames = 0
-        """How many were written."""
+        self._frames = 0
 
-    def start(self) -> None:
-        """Begin to work off what was received."""
-        self._thread.start()
+    @contextmanager
+    def recording(
+        self,
+        open_stage: Callable[[], GcodeStage],
+        files: Sequence[Path],
+        info_of: Callable[[tuple[str, ...]], SessionInfo],
+    ) -> Iterator[GcodeStage]:
+        """The stage, while all that comes from the sources is written to files; then everything is closed.
 
-    def receive(self, chunk: Chunk) -> None:
-        """Take what a source has read; from any thread."""
-        self._inbox.put(chunk)
+        info_of: what a session of such channels says first. Raises HardwareError where a port cannot be
+        opened or the disk fails, RecordingError where a file cannot be written.
+        """
+        try:
+            for connection in self._connections:
+                connection.open()
+            with closing(open_stage()) as stage:
+                # Not before every port is open: a mistake in one leaves no file.
+                info = info_of((*self._pipeline.wanted, *STAGE, *LABELS))
+                self._outputs = Outputs(files, info, self._clock, self._tell)
+                self._thread.start()
+                yield stage
+        finally:
+            self._stop()
+        if self._outputs is not None and self._outputs.lost:
+            raise HardwareError(
+                f"{self._outputs.lost} entries could not be recorded to {self.written}: look at the disk"
+            )
+
+    @property
+    def written(self) -> str:
+        """The files."""
+        return "" if self._outputs is None else ", ".join(map(str, self._outputs.files))
 
     def tell(self, notice: Notice) -> None:
         """Write down and show what people should know; from any thread."""
         self._inbox.put(notice)
 
-    def stop(self) -> None:
-        """Work off what has been received, then end; raises what the thread failed with."""
-        if self._thread.ident is None:
-            return  # never started
-        self._inbox.put(None)
-        self._thread.join()
-        if self._failure is not None:
-            raise self._failure
+    def remark(self, text: str) -> None:
+        """Write down what is done."""
+        self.tell(Notice(self._clock.now_s(), None, "info", text))
 
     def missing(self, seconds: float) -> list[str]:
         """The channels that nothing has given yet, after at most so many seconds; none as soon as all came.
@@ -198,6 +227,23 @@ class Gathering:
     def _force(self, reading: float) -> float:
         return self._axis.sign * (reading - self._label.zero)
 
+    def _stop(self) -> None:
+        """Work off what has been received, then close; raises what the thread failed with."""
+        for connection in self._connections:
+            connection.stop()
+        try:
+            try:
+                if self._thread.ident is not None:
+                    self._inbox.put(None)
+                    self._thread.join()
+                if self._failure is not None:
+                    raise self._failure
+            finally:
+                if self._outputs is not None:
+                    self._outputs.close()
+        except OSError as error:
+            raise HardwareError(f"what was measured cannot be written down: {error}") from error
+
     def _guarded(self) -> None:
         try:
             self._run()
@@ -210,20 +256,22 @@ class Gathering:
                 pass
 
     def _run(self) -> None:
+        assert self._outputs is not None  # before the thread starts
+        write = self._outputs.write
         while (entry := self._inbox.get()) is not None:
-            self._write(entry)
+            write(entry)
             if isinstance(entry, Notice):
                 self._tell(entry)
                 continue
             frames, notices = self._pipeline.feed(entry)
             if request := self._pipeline.take_requests(entry.source):
-                self._send(entry.source, request)
+                self._connections[entry.source].send(request)
             for frame in frames:
                 entry = self._entry(frame)
                 if entry is not None:
-                    self._write(entry)
+                    write(entry)
             for notice in notices:
-                self._write(notice)
+                write(notice)
                 self._tell(notice)
 
     def _entry(self, frame: Assembled) -> FrameEntry | None:
@@ -238,6 +286,6 @@ class Gathering:
             return None
         level, force = mark or (0, force)
         truth = [label.press, level, 1e3 * label.at[0], 1e3 * label.at[1], force]
-        entry = FrameEntry(self.frames, frame.time_s, np.concatenate([frame.values, stage, truth]))
-        self.frames += 1
+        entry = FrameEntry(self._frames, frame.time_s, np.concatenate([frame.values, stage, truth]))
+        self._frames += 1
         return entry

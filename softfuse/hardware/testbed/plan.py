@@ -5,14 +5,21 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from softfuse.errors import ConfigError
-from softfuse.hardware.stage.workspace import Workspace
-from softfuse.hardware.testbed.bench import Origin, workspace_of
+from softfuse.errors import ConfigError, HardwareError
+from softfuse.hardware.stage.gcode import GcodeStage, Workspace
+from softfuse.hardware.testbed.bench import Bench, Origin, Pressed, workspace_of
 from softfuse.hardware.testbed.files import done_already
+from softfuse.hardware.testbed.gathering import Gathering
 from softfuse.hardware.testbed.places import Point, grid, read_places
 from softfuse.hardware.testbed.procedure import PressSettings
 from softfuse.robot.robot import require_sensors
 from softfuse.robot.settings import RobotSettings
+
+_COMING_S = 5.0
+"""How long the channels have to come before anything moves [s]: opening its port resets many a board, which
+needs two seconds to start, and the channels are known by a description that comes from time to time only."""
+_FIRST_S = 0.5
+"""For how long the force has to come after that [s]."""
 
 
 @dataclass(frozen=True)
@@ -81,3 +88,21 @@ def moves(plan: Plan) -> Iterator[str]:
             f"down by {1e3 * settings.longest_step:g} mm or less, F{60e3 * settings.press_speed:.0f}, "
             f"to Z{down:.4f} at most; G1 Z{up:.4f} F{60e3 * settings.retreat_speed:.0f}"
         )
+
+
+def press(plan: Plan, gathering: Gathering, stage: GcodeStage, *, home: bool) -> Iterator[Pressed]:
+    """Press the places of a plan with a stage that is recorded, after seeking its end switches where told so;
+    each press when it is done.
+
+    Raises HardwareError where the channels do not come, before anything moves, and as `Bench.press`.
+    """
+    missing = gathering.missing(_COMING_S)
+    if missing:
+        raise HardwareError(
+            f"the channels {', '.join(missing)} do not come: look with softfuse doctor, nothing has moved"
+        )
+    gathering.reading(_FIRST_S)
+    stage.connect()
+    if home:
+        stage.home()
+    yield from Bench(stage, gathering, plan.settings, plan.origin).press(plan.places, plan.first)

@@ -1,19 +1,19 @@
-"""One press at force levels, as a state machine without hardware: what was felt in, what to do next out.
+"""One press at force levels, without hardware: what to do next out, what was felt in.
 
     lift -> travel -> tare -> approach -> (feel -> step)* -> hold -> ... next level ... -> retreat -> rest
 
 The descent is closed over the force: with the last two heights h and forces F the stiffness is
 k = (F₁ − F₀) / (h₀ − h₁), and the next step goes `SHARE` of the way (level − F) / k, since silicone stiffens,
 within the finest and the longest step. Forces are positive when pressing, heights positive above the body's
-top at rest. Whatever is not as it should be ends the press: no further step down, retreat.
+top at rest. Whatever is not as it should be ends the press: no further step down, and whoever drives the
+stage retreats.
 
 Source: Navarro et al. 2020, Sec. V-A.1 (a grid of places, force levels of 5, 10 and 15 N).
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import Self
 
 from softfuse.errors import HardwareError
@@ -79,7 +79,8 @@ class PressSettings:
         if not self.levels or any(
             not a < b < math.inf for a, b in zip((0.0, *self.levels), self.levels, strict=False)
         ):
-            raise HardwareError(f"the force levels {_listed(self.levels)} N must be above 0 and ascend")
+            listed = ", ".join(f"{level:g}" for level in self.levels)
+            raise HardwareError(f"the force levels {listed} N must be above 0 and ascend")
         for name, value in vars(self).items():
             if name != "levels" and not 0.0 < value < math.inf:
                 raise HardwareError(
@@ -147,134 +148,56 @@ class Rest:
 Action = Move | Tare | Feel | Hold | Rest
 
 
-class Phase(Enum):
-    """Where a press is: what its action is for."""
-
-    LIFT = "lift"
-    TRAVEL = "travel"
-    TARE = "tare"
-    APPROACH = "approach"
-    FEEL = "feel"
-    STEP = "step"
-    HOLD = "hold"
-    RETREAT = "retreat"
-    REST = "rest"
-    ENDED = "ended"
-
-
-@dataclass(frozen=True)
-class Press:
-    """The state of a press.
-
-    action: to be done now, None when it has ended; level: index of the level that is sought; before: height
-    [m] and force [N] before the last step; trouble: why it was given up, and what to do; None while it is
-    not.
-    """
-
-    x: float
-    y: float
-    phase: Phase
-    action: Action | None
-    level: int = 0
-    before: tuple[float, float] | None = None
-    trouble: str | None = None
-
-
 @dataclass(frozen=True)
 class Seen:
-    """After an action: where the stage stands, and the pressing force [N] where one was measured."""
+    """After an action: the height of the stage [m], and the pressing force [N] where one was measured."""
 
-    at: Place
+    height: float
     force: float = math.nan
 
 
-def begin(settings: PressSettings, x: float, y: float, at: Place) -> Press:
-    """A press at x, y [m] by a stage that stands at a place; it is lifted first where it stands too low."""
+def press(settings: PressSettings, x: float, y: float, at: Place) -> Generator[Action, Seen, None]:
+    """What to do for a press at x, y [m] by a stage that stands at a place; it is sent what was seen after
+    each action.
+
+    HardwareError, which says what to do, for a force that is not as it should be, and at the depth limit.
+    """
+    over = Place(x, y, settings.clearance)
     if at.height < settings.clearance:
-        up = Place(at.x, at.y, settings.clearance)
-        return Press(x, y, Phase.LIFT, Move(up, settings.retreat_speed))
-    return _travel(settings, Press(x, y, Phase.TRAVEL, None))
+        yield Move(replace(at, height=settings.clearance), settings.retreat_speed)
+    yield Move(over, settings.travel_speed)
+    yield Tare(settings.tare)
+    yield Move(replace(over, height=settings.approach), settings.travel_speed)
+    before: Seen | None = None
+    for number, level in enumerate(settings.levels, start=1):
+        while True:
+            seen = yield Feel(settings.settle)
+            _check(settings, seen.force)
+            if seen.force >= level - settings.tolerance:
+                break
+            room = seen.height + settings.depth_limit
+            if room < settings.finest_step:
+                raise HardwareError(
+                    f"{seen.force:.2f} N instead of {level:g} N at the depth limit of "
+                    f"{1e3 * settings.depth_limit:g} mm: check the stage's zero and the force sensor, "
+                    "or allow more"
+                )
+            down = min(_step(settings, before, seen, level), room)
+            before = seen
+            yield Move(replace(over, height=seen.height - down), settings.press_speed)
+        held = yield Hold(number, settings.hold)
+        _check(settings, held.force)
+    yield Move(over, settings.retreat_speed)
+    yield Rest(settings.rest)
 
 
-def advance(settings: PressSettings, now: Press, seen: Seen) -> Press:
-    """The press after its action has been done."""
-    match now.phase:
-        case Phase.LIFT:
-            return _travel(settings, now)
-        case Phase.TRAVEL:
-            return replace(now, phase=Phase.TARE, action=Tare(settings.tare))
-        case Phase.TARE:
-            down = Place(now.x, now.y, settings.approach)
-            return replace(now, phase=Phase.APPROACH, action=Move(down, settings.travel_speed))
-        case Phase.APPROACH | Phase.STEP:
-            return replace(now, phase=Phase.FEEL, action=Feel(settings.settle))
-        case Phase.FEEL:
-            return _felt(settings, now, seen)
-        case Phase.HOLD:
-            return _held(settings, now, seen)
-        case Phase.RETREAT:
-            return replace(now, phase=Phase.REST, action=Rest(settings.rest))
-        case Phase.REST | Phase.ENDED:
-            return replace(now, phase=Phase.ENDED, action=None)
-
-
-def give_up(settings: PressSettings, now: Press, at: Place, trouble: str) -> Press:
-    """The press when something is wrong: straight up from where the stage stands, if that is low; the end."""
-    if at.height >= settings.clearance:
-        return replace(now, phase=Phase.ENDED, action=None, trouble=trouble)
-    up = Place(at.x, at.y, settings.clearance)
-    return replace(now, phase=Phase.RETREAT, action=Move(up, settings.retreat_speed), trouble=trouble)
-
-
-def _travel(settings: PressSettings, now: Press) -> Press:
-    there = Place(now.x, now.y, settings.clearance)
-    return replace(now, phase=Phase.TRAVEL, action=Move(there, settings.travel_speed))
-
-
-def _felt(settings: PressSettings, now: Press, seen: Seen) -> Press:
-    level = settings.levels[now.level]
-    trouble = _trouble(settings, seen)
-    if trouble is not None:
-        return give_up(settings, now, seen.at, trouble)
-    if seen.force >= level - settings.tolerance:
-        return replace(now, phase=Phase.HOLD, action=Hold(now.level + 1, settings.hold))
-    step = _step(settings, now, seen, level)
-    room = seen.at.height + settings.depth_limit
-    if room < settings.finest_step:
-        return give_up(
-            settings,
-            now,
-            seen.at,
-            f"{seen.force:.2f} N instead of {level:g} N at the depth limit of "
-            f"{1e3 * settings.depth_limit:g} mm: check the stage's zero and the force sensor, or allow more",
-        )
-    down = Place(now.x, now.y, seen.at.height - min(step, room))
-    return replace(
-        now,
-        phase=Phase.STEP,
-        action=Move(down, settings.press_speed),
-        before=(seen.at.height, seen.force),
-    )
-
-
-def _held(settings: PressSettings, now: Press, seen: Seen) -> Press:
-    trouble = _trouble(settings, seen)
-    if trouble is not None:
-        return give_up(settings, now, seen.at, trouble)
-    if now.level + 1 < len(settings.levels):
-        return replace(now, phase=Phase.FEEL, action=Feel(settings.settle), level=now.level + 1)
-    up = Place(now.x, now.y, settings.clearance)
-    return replace(now, phase=Phase.RETREAT, action=Move(up, settings.retreat_speed))
-
-
-def _trouble(settings: PressSettings, seen: Seen) -> str | None:
-    if math.isnan(seen.force):
-        return "the force is not known: check the force sensor and its channel"
-    if abs(seen.force) > settings.force_limit:
-        return beyond(settings.force_limit, seen.force)
-    if seen.force < -WRONG_WAY * settings.levels[0]:
-        return f"pressing gives {seen.force:.2f} N: the force's sign is the other one (--force-sign)"
-    return None
+def _check(settings: PressSettings, force: float) -> None:
+    if math.isnan(force):
+        raise HardwareError("the force is not known: check the force sensor and its channel")
+    if abs(force) > settings.force_limit:
+        raise HardwareError(beyond(settings.force_limit, force))
+    if force < -WRONG_WAY * settings.levels[0]:
+        raise HardwareError(f"pressing gives {force:.2f} N: the force's sign is the other one (--force-sign)")
 
 
 def beyond(limit: float, force: float) -> str:
@@ -285,15 +208,10 @@ def beyond(limit: float, force: float) -> str:
     )
 
 
-def _step(settings: PressSettings, now: Press, seen: Seen, level: float) -> float:
+def _step(settings: PressSettings, before: Seen | None, seen: Seen, level: float) -> float:
     step = settings.longest_step
-    if now.before is not None and seen.force > settings.tolerance:
-        height, force = now.before
-        depth, more = height - seen.at.height, seen.force - force
+    if before is not None and seen.force > settings.tolerance:
+        depth, more = before.height - seen.height, seen.force - before.force
         if depth > 0.0 and more > 0.0:
             step = SHARE * (level - seen.force) * depth / more
     return min(max(step, settings.finest_step), settings.longest_step)
-
-
-def _listed(values: tuple[float, ...]) -> str:
-    return ", ".join(f"{value:g}" for value in values)

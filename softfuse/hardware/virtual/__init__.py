@@ -2,5 +2,5 @@
 
     read(times) -> board -> packets -> faults -> outlet (pseudo-terminal, TCP on loopback) -> whoever listens
 
-`board` and `faults` are pure and repeatable; only `outlet` and `serving` touch the operating system.
+`board` and `faults` are pure and repeatable; only `ports` and `serving` touch the operating system.
 """

@@ -1,7 +1,9 @@
 """A board that samples its sensors and speaks the wire protocol: from true time to packets, without any I/O.
 
 It describes itself at power-on, every second of its own time and when asked; samples carry its own time and a
-sequence number that also counts those that are lost.
+sequence number that also counts those that are lost. Before a sample is packed it may be lost, then it is not
+sent; and sensors die: a silent channel is no longer read (NaN on the host), a stuck one repeats what it read
+last.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,11 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.hardware.virtual.board_clock import BoardClock
-from softfuse.hardware.virtual.sensor_faults import NO_FAULTS, FaultySensors, SensorFaults
+from softfuse.errors import HardwareError
 from softfuse.hardware.wire.decoder import Decoder
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Description, Layout
 from softfuse.hardware.wire.message import (
     EVERY_DEVICE,
     AskMessage,
@@ -23,9 +23,11 @@ from softfuse.hardware.wire.message import (
     Message,
     SampleMessage,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 from softfuse.hardware.wire.sequence import MODULUS
+
+LARGEST_DRIFT_PPM = 50_000.0
 
 DESCRIBE_US = 1_000_000
 """Time between descriptions [µs]."""
@@ -38,6 +40,106 @@ Read = Callable[[Float[np.ndarray, " m"]], Float[np.ndarray, "m k"]]
 
 
 @dataclass(frozen=True)
+class BoardClock:
+    """A board's own clock, which starts anywhere and runs too fast or too slowly.
+
+        device time = start + (1 + d) t
+
+    for true time t since power-on and drift d; a sample is taken whenever it has gone on by a period.
+
+    Samples per second of its own time, at most one a microsecond; its time [µs] at power-on; its drift
+    [ppm], positive where it is fast.
+    """
+
+    rate_Hz: float
+    start_us: int = 0
+    drift_ppm: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not 1.0 <= self.rate_Hz <= 1e5:
+            raise HardwareError(f"{self.rate_Hz:g} samples per second: give a rate from 1 to 100000 Hz")
+        if not abs(self.drift_ppm) <= LARGEST_DRIFT_PPM:
+            raise HardwareError(
+                f"a clock that is off by {self.drift_ppm:g} ppm: give at most {LARGEST_DRIFT_PPM:g}"
+            )
+
+    def device_us(self, sample: int) -> int:
+        """Its time [µs] at a sample, counted from power-on."""
+        return self.start_us + round(sample * 1e6 / self.rate_Hz)
+
+    def true_s(self, sample: int) -> float:
+        """True time [s] since power-on at a sample."""
+        return sample / (self.rate_Hz * (1.0 + 1e-6 * self.drift_ppm))
+
+    def due(self, true_s: float) -> int:
+        """Samples that are due at a true time [s] since power-on, the one at power-on included."""
+        if true_s < 0.0:
+            return 0
+        count = int(true_s * self.rate_Hz * (1.0 + 1e-6 * self.drift_ppm)) + 1
+        # Rounding must not let a sample be due before its time, or forget one that is.
+        while self.true_s(count - 1) > true_s:
+            count -= 1
+        while self.true_s(count) <= true_s:
+            count += 1
+        return count
+
+
+@dataclass(frozen=True)
+class DeadSensor:
+    """A channel that is silent, or else stuck, from a true time [s]."""
+
+    channel: str
+    from_s: float
+    silent: bool
+
+
+@dataclass(frozen=True)
+class SensorFaults:
+    """Share of samples that are lost [-], and sensors that die."""
+
+    lost: float = 0.0
+    dead: tuple[DeadSensor, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.lost < 1.0:
+            raise HardwareError(f"a share of {self.lost:g} of the samples cannot be lost: give 0 to below 1")
+
+
+NO_FAULTS = SensorFaults()
+"""Nothing goes wrong."""
+
+
+class FaultySensors:
+    """Applies faults to the samples of one board; the same seed loses the same samples."""
+
+    def __init__(self, names: Sequence[str], faults: SensorFaults, seed: Sequence[int]) -> None:
+        """names: the board's channels; faults of other boards' channels are left out."""
+        self._lost = faults.lost
+        self._rng = np.random.default_rng(np.random.SeedSequence(list(seed)))
+        self._dead = [
+            (list(names).index(dead.channel), dead) for dead in faults.dead if dead.channel in names
+        ]
+        self._last: dict[int, float] = {}
+
+    def spoil(self, time_s: Float[np.ndarray, " m"], values: Float[np.ndarray, "m k"]) -> None:
+        """Change the values (m, k) of samples taken at true times (m,) s in place."""
+        for column, dead in self._dead:
+            gone = time_s >= dead.from_s
+            if dead.silent:
+                values[gone, column] = np.nan
+            else:
+                if not gone.all():
+                    self._last[column] = float(values[~gone, column][-1])
+                values[gone, column] = self._last.setdefault(column, float(values[0, column]))
+
+    def lose(self, count: int) -> Float[np.ndarray, " m"]:
+        """Which of the next samples (m,) are lost."""
+        if self._lost == 0.0:
+            return np.zeros(count, bool)
+        return self._rng.random(count) < self._lost
+
+
+@dataclass
 class BoardCounts:
     """What a board has done since it was made.
 
@@ -45,11 +147,11 @@ class BoardCounts:
     power_ons.
     """
 
-    samples: int
-    lost: int
-    descriptions: int
-    answers: int
-    power_ons: int
+    samples: int = 0
+    lost: int = 0
+    descriptions: int = 0
+    answers: int = 0
+    power_ons: int = 0
 
 
 class VirtualBoard:
@@ -66,24 +168,17 @@ class VirtualBoard:
         seed: Sequence[int] = (0,),
     ) -> None:
         """`seed`: of the faults. Nothing is read and no time passes before `switch_on`."""
-        self._device, self._description, self._read, self._clock = device, description, read, clock
+        self._device, self._read, self._clock = device, read, clock
+        self.description = description
+        """What it says about itself."""
+        self.counts = BoardCounts()
+        """What it has done so far."""
         self._layout = Layout(description)
         self._faulty = FaultySensors(description.names, faults, seed)
         self._host = Decoder()
         self._on_s = 0.0
         self._next = 0
         self._described_us = 0
-        self._samples = self._lost = self._descriptions = self._answers = self._power_ons = 0
-
-    @property
-    def description(self) -> Description:
-        """What it says about itself."""
-        return self._description
-
-    @property
-    def counts(self) -> BoardCounts:
-        """What it has done so far."""
-        return BoardCounts(self._samples, self._lost, self._descriptions, self._answers, self._power_ons)
 
     @property
     def next_s(self) -> float:
@@ -93,7 +188,7 @@ class VirtualBoard:
     def switch_on(self, true_s: float) -> list[bytes]:
         """The first packets when it begins, or begins anew, at a true time [s] after those of all samples."""
         self._on_s, self._next = true_s, 0
-        self._power_ons += 1
+        self.counts.power_ons += 1
         self._host = Decoder()
         # The empty packet ends what a bootloader may have printed.
         return [b"\0", self._describe(self._clock.device_us(0))]
@@ -117,7 +212,7 @@ class VirtualBoard:
         for received in self._host.feed(data, 0.0):
             message = received.message
             if isinstance(message, AskMessage) and message.header.device in (self._device, EVERY_DEVICE):
-                self._answers += 1
+                self.counts.answers += 1
                 packets.append(self._describe(self._clock.device_us(max(0, self._next - 1))))
         return packets
 
@@ -133,18 +228,18 @@ class VirtualBoard:
                 packets.append(self._describe(time_us))
             self._next = number + 1
             if lost:
-                self._lost += 1
+                self.counts.lost += 1
                 continue
             header = Header(self._device, number % MODULUS, time_us)
             packets.append(_packed(SampleMessage(header, self._layout.number, self._layout.content(sample))))
-            self._samples += 1
+            self.counts.samples += 1
         return packets
 
     def _describe(self, time_us: int) -> bytes:
         self._described_us = time_us
-        self._descriptions += 1
+        self.counts.descriptions += 1
         header = Header(self._device, self._next % MODULUS, time_us)
-        return _packed(DescriptionMessage(header, self._description))
+        return _packed(DescriptionMessage(header, self.description))
 
 
 def _packed(message: Message) -> bytes:

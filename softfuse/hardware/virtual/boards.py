@@ -10,11 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.errors import RecordingError
-from softfuse.hardware.virtual.board import Read, VirtualBoard
-from softfuse.hardware.virtual.board_clock import BoardClock
+from softfuse.hardware.virtual.board import BoardClock, Read, VirtualBoard
 from softfuse.hardware.virtual.faults import Faults
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
+from softfuse.hardware.wire.description import Channel, Description, RawType
 from softfuse.sensors.electronics import ChannelElectronics, Converter
 
 _NOISE, _FAULTS, _LINE, _CLOCK = range(4)
@@ -52,14 +50,14 @@ def boards_of(
     """
     boards = []
     for k, part in enumerate(parts):
-        read = _reading(part, (seed, _NOISE, k))
+        read = _reading(part, (seed, _NOISE, k), None if k else written)
         start = int(np.random.default_rng((seed, _CLOCK, k)).integers(_LATEST_START_US))
         drift = faults.drift_ppm if k == 0 else -faults.drift_ppm
         boards.append(
             VirtualBoard(
                 k + 1,
                 Description(part.name, channels_of(part.channels, part.electronics)),
-                read if k or written is None else _telling(read, written),
+                read,
                 BoardClock(rate_Hz, start, drift),
                 faults=faults.sensors,
                 seed=(seed, _FAULTS, k),
@@ -139,19 +137,15 @@ def _field(value: float, *, mark: bool) -> str:
     return f"{value:.0f}" if mark else f"{value:.6g}"
 
 
-def _reading(part: BoardChannels, seed: Sequence[int]) -> Read:
-    """Reads samples one after the other; the same seed gives the same samples."""
+def _reading(
+    part: BoardChannels, seed: Sequence[int], written: Callable[[Float[np.ndarray, " m"]], None] | None
+) -> Read:
+    """Reads samples one after the other, and tells their times; the same seed gives the same samples."""
     converter = Converter(part.electronics, np.random.default_rng(np.random.SeedSequence(list(seed))))
 
     def read(time_s: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m k"]:
+        if written is not None:
+            written(time_s)
         return converter.read(time_s, part.ideal(time_s))
 
     return read
-
-
-def _telling(read: Read, written: Callable[[Float[np.ndarray, " m"]], None]) -> Read:
-    def tell(time_s: Float[np.ndarray, " m"]) -> Float[np.ndarray, "m k"]:
-        written(time_s)
-        return read(time_s)
-
-    return tell

@@ -8,59 +8,20 @@ on in step, and they wait where nobody listens.
 
 import threading
 import time
-from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from softfuse.errors import HardwareError
-from softfuse.hardware.virtual.board import BoardCounts, VirtualBoard
-from softfuse.hardware.virtual.line_faults import FaultyLine
-from softfuse.hardware.virtual.outlet import AbstractOutlet
+from softfuse.hardware.virtual.board import VirtualBoard
+from softfuse.hardware.virtual.faults import FaultyLine, Outages
+from softfuse.hardware.virtual.ports import AbstractOutlet
 
 _PATIENCE_S = 0.02
 """How long it waits at most before it looks whether a host has asked something, or it is to end [s]."""
 
 _AT_ONCE = 32
 """Samples of a board before the next board's turn, as fast as they are read."""
-
-
-@dataclass(frozen=True)
-class Outages:
-    """Ports go away for `for_s` at the end of every `every_s`, counted from the start.
-
-    A line that is unplugged leaves the board running; one that also `powers` it starts the board anew.
-    """
-
-    for_s: float
-    every_s: float
-    powers: bool = False
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.for_s < self.every_s:
-            raise HardwareError(
-                f"away for {self.for_s:g} s every {self.every_s:g} s: the first must be positive and less"
-            )
-
-    def out(self, elapsed_s: float) -> bool:
-        """Whether the ports are away at a time [s] since the start."""
-        return elapsed_s % self.every_s >= self.every_s - self.for_s
-
-
-@dataclass(frozen=True)
-class PortReport:
-    """What has gone through a port so far.
-
-    sent: packets that somebody's port took; unheard: packets that nobody took; dropped_bytes, flipped_bits:
-    by the faults of the line; outages: how often it went away.
-    """
-
-    board: BoardCounts
-    sent: int
-    unheard: int
-    dropped_bytes: int
-    flipped_bits: int
-    outages: int
 
 
 @dataclass(slots=True, eq=False)
@@ -79,19 +40,34 @@ class VirtualPort:
         self.board = board
         self._line = line
         self._outlets = tuple(outlets)
-        self._plugged = False
+        self.plugged = False
+        """Whether it is there."""
         self._waiting: deque[_Waiting] = deque()
-        self._sent = self._unheard = self._outages = 0
+        self.sent = self.unheard = 0
+        """Packets that somebody's port took, and those that nobody took, so far."""
+        self.outages = 0
+        """How often it went away."""
+
+    def __str__(self) -> str:
+        """What has gone through it so far, for people."""
+        counts = self.board.counts
+        parts = [f"{counts.samples} samples", f"{self.sent} packets heard", f"{self.unheard} not"]
+        parts += [
+            f"{count} {what}"
+            for count, what in (
+                (counts.lost, "samples lost"),
+                (self._line.dropped, "bytes dropped"),
+                (self._line.flipped, "bits flipped"),
+                (self.outages, "times away"),
+            )
+            if count
+        ]
+        return f"{self.board.description.name}: {', '.join(parts)}"
 
     @property
     def urls(self) -> list[str]:
         """How a host opens it."""
         return [outlet.url for outlet in self._outlets]
-
-    @property
-    def plugged(self) -> bool:
-        """Whether it is there."""
-        return self._plugged
 
     @property
     def listened(self) -> bool:
@@ -100,36 +76,20 @@ class VirtualPort:
         there = [outlet.listened for outlet in self._outlets]
         return any(there)
 
-    @property
-    def report(self) -> PortReport:
-        """What has gone through it so far."""
-        return PortReport(
-            self.board.counts,
-            self._sent,
-            self._unheard,
-            self._line.dropped,
-            self._line.flipped,
-            self._outages,
-        )
-
     def plug(self) -> None:
         """Make it appear. Raises HardwareError when that is impossible, and nothing stays open then."""
         try:
             for outlet in self._outlets:
                 outlet.open()
         except HardwareError:
-            self._close()
+            self.end()
             raise
-        self._plugged = True
+        self.plugged = True
 
     def unplug(self) -> None:
         """Make it go away, for a while."""
-        self._outages += 1
-        self._close()
-
-    def end(self) -> None:
-        """Make it go away for good."""
-        self._close()
+        self.outages += 1
+        self.end()
 
     def answers(self) -> list[bytes]:
         """Packets that answer what hosts have asked."""
@@ -167,63 +127,56 @@ class VirtualPort:
         if self._waiting and self._waiting[0].left:
             self._waiting[0].left[0].wait(seconds)
 
-    def _count(self, taken: bool) -> None:
-        self._sent += taken
-        self._unheard += not taken
-
-    def _close(self) -> None:
-        self._plugged = False
+    def end(self) -> None:
+        """Make it go away for good."""
+        self.plugged = False
         for outlet in self._outlets:
             outlet.close()
         while self._waiting:
             self._count(self._waiting.popleft().taken)
 
-
-class AbstractPace(ABC):
-    """When boards take their samples."""
-
-    @abstractmethod
-    def go_on(self, ports: Sequence[VirtualPort], elapsed_s: float, stop: threading.Event) -> None:
-        """Take, answer and send what there is at a time [s] since the start, and wait a little."""
+    def _count(self, taken: bool) -> None:
+        self.sent += taken
+        self.unheard += not taken
 
 
-class RealTime(AbstractPace):
-    """As they are due."""
+Pace = Callable[[Sequence[VirtualPort], float, threading.Event], None]
+"""When boards take their samples: takes, answers and sends what there is at a time [s] since the start, and
+waits a little, or until the event.
+"""
 
-    def go_on(self, ports, elapsed_s, stop):
-        """Sends what is due, then waits for the next sample, or for a moment."""
+
+def in_real_time(ports: Sequence[VirtualPort], elapsed_s: float, stop: threading.Event) -> None:
+    """Send what is due, then wait for the next sample, or for a moment."""
+    for port in ports:
+        port.send(port.answers())
+        port.send(port.board.take(port.board.due(elapsed_s)))
+    soonest = min(port.board.next_s for port in ports)
+    stop.wait(min(max(0.0, soonest - elapsed_s), _PATIENCE_S))
+
+
+def as_fast_as_read(ports: Sequence[VirtualPort], elapsed_s: float, stop: threading.Event) -> None:
+    """Send some samples of each board once all have sent theirs; where nobody listens, they wait."""
+    del elapsed_s
+    for port in ports:
+        port.line_up(port.answers())
+    behind = [port for port in ports if not port.drain()]
+    if behind:
+        behind[0].wait(_PATIENCE_S)
+    elif not all(port.listened for port in ports):
+        stop.wait(_PATIENCE_S)
+    else:
         for port in ports:
-            port.send(port.answers())
-            port.send(port.board.take(port.board.due(elapsed_s)))
-        soonest = min(port.board.next_s for port in ports)
-        stop.wait(min(max(0.0, soonest - elapsed_s), _PATIENCE_S))
-
-
-class AsFastAsRead(AbstractPace):
-    """As fast as whoever listens takes them, all boards in step; where nobody does, they wait."""
-
-    def go_on(self, ports, elapsed_s, stop):
-        """Sends some samples of each board once all have sent theirs."""
-        del elapsed_s
-        for port in ports:
-            port.line_up(port.answers())
-        behind = [port for port in ports if not port.drain()]
-        if behind:
-            behind[0].wait(_PATIENCE_S)
-        elif not all(port.listened for port in ports):
-            stop.wait(_PATIENCE_S)
-        else:
-            for port in ports:
-                port.line_up(port.board.take(_AT_ONCE))
+            port.line_up(port.board.take(_AT_ONCE))
 
 
 class VirtualDevice:
-    """Boards on ports, served until stopped; in this thread by `run`, or in one of its own by `start`."""
+    """Boards on ports, served until stopped."""
 
     def __init__(
         self,
         ports: Sequence[VirtualPort],
-        pace: AbstractPace,
+        pace: Pace,
         *,
         outages: Outages | None = None,
         plugged: Callable[[Sequence[VirtualPort]], None] = lambda ports: None,
@@ -231,14 +184,6 @@ class VirtualDevice:
         """`plugged` is called each time when the ports have appeared, from the serving thread."""
         self._ports, self._pace, self._outages, self._plugged = tuple(ports), pace, outages, plugged
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._guarded, name="softfuse virtual device", daemon=True)
-        self._opened = threading.Event()
-        self._failure: BaseException | None = None
-
-    @property
-    def reports(self) -> list[PortReport]:
-        """What has gone through each port so far."""
-        return [port.report for port in self._ports]
 
     def run(self, for_s: float | None = None) -> None:
         """Open the ports and serve for so long, or until `stop`; then close them.
@@ -253,35 +198,14 @@ class VirtualDevice:
                 if for_s is not None and elapsed >= for_s:
                     break
                 self._mind_outages(elapsed)
-                self._pace.go_on(self._ports, elapsed, self._stop)
+                self._pace(self._ports, elapsed, self._stop)
         finally:
             for port in self._ports:
                 port.end()
 
-    def start(self) -> None:
-        """Serve in a thread of its own; returns when the ports are open. Raises HardwareError when they
-        cannot be.
-        """
-        self._thread.start()
-        self._opened.wait()
-        if self._failure is not None:
-            raise self._failure
-
     def stop(self) -> None:
-        """End serving, and wait for the thread where there is one; raises what that failed with."""
+        """End serving soon; from any thread."""
         self._stop.set()
-        if self._thread.is_alive():
-            self._thread.join()
-        if self._failure is not None:
-            raise self._failure
-
-    def _guarded(self) -> None:
-        try:
-            self.run()
-        except BaseException as failure:
-            self._failure = failure
-        finally:
-            self._opened.set()
 
     def _mind_outages(self, elapsed_s: float) -> None:
         if self._outages is None:
@@ -299,5 +223,4 @@ class VirtualDevice:
             if restart:
                 # As fast as it is read, a board is ahead of the clock.
                 port.send(port.board.switch_on(max(elapsed_s, port.board.next_s)))
-        self._opened.set()
         self._plugged(self._ports)

@@ -11,17 +11,17 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.errors import WireError
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Description, Layout
 from softfuse.hardware.wire.message import (
     KINDS,
     VERSION,
     DescriptionMessage,
     Message,
+    PacketCounts,
     SampleMessage,
+    Unpacker,
     decode,
 )
-from softfuse.hardware.wire.packet import PacketCounts, Unpacker
 
 MOST_DEVICES = 64
 """Descriptions that are remembered; the one heard of longest ago goes first."""
@@ -38,20 +38,20 @@ class Received:
     """(n,) of a sample whose layout is known, in the units of the channels' names, NaN where not read."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class DecoderCounts:
     """What became of the packets of a line."""
 
     line: PacketCounts
     """What became of its bytes."""
-    samples: int
+    samples: int = 0
     """Samples handed out, the undescribed ones included."""
-    undescribed: int
+    undescribed: int = 0
     """Samples handed out without values, since their layout is not known."""
-    malformed: int
+    malformed: int = 0
     """Messages of a known kind that are not as they must be."""
-    unknown_version: int
-    unknown_kind: int
+    unknown_version: int = 0
+    unknown_kind: int = 0
 
 
 class Decoder:
@@ -60,23 +60,8 @@ class Decoder:
     def __init__(self) -> None:
         self._unpacker = Unpacker()
         self._layouts: dict[int, Layout] = {}
-        self._samples = 0
-        self._undescribed = 0
-        self._malformed = 0
-        self._unknown_version = 0
-        self._unknown_kind = 0
-
-    @property
-    def counts(self) -> DecoderCounts:
+        self.counts = DecoderCounts(self._unpacker.counts)
         """What has become of the packets so far."""
-        return DecoderCounts(
-            line=self._unpacker.counts,
-            samples=self._samples,
-            undescribed=self._undescribed,
-            malformed=self._malformed,
-            unknown_version=self._unknown_version,
-            unknown_kind=self._unknown_kind,
-        )
 
     @property
     def descriptions(self) -> dict[int, Description]:
@@ -88,12 +73,8 @@ class Decoder:
 
         Nothing that the bytes are raises.
         """
-        received = []
-        for body in self._unpacker.feed(data):
-            one = self._received(body, host_s)
-            if one is not None:
-                received.append(one)
-        return received
+        received = (self._received(body, host_s) for body in self._unpacker.feed(data))
+        return [one for one in received if one is not None]
 
     def discard_partial(self) -> None:
         """Forget a packet that has begun, since the line was interrupted; descriptions stay."""
@@ -101,20 +82,20 @@ class Decoder:
 
     def _received(self, body: bytes, host_s: float) -> Received | None:
         if body[:1] != bytes([VERSION]) and body:
-            self._unknown_version += 1
+            self.counts.unknown_version += 1
             return None
         if len(body) > 1 and body[1] not in KINDS:
-            self._unknown_kind += 1
+            self.counts.unknown_kind += 1
             return None
         try:
             message = decode(body)
             values = self._values(message) if isinstance(message, SampleMessage) else None
         except WireError:
-            self._malformed += 1
+            self.counts.malformed += 1
             return None
         if isinstance(message, SampleMessage):
-            self._samples += 1
-            self._undescribed += values is None
+            self.counts.samples += 1
+            self.counts.undescribed += values is None
         elif isinstance(message, DescriptionMessage):
             self._learn(message)
         return Received(host_s, message, values)

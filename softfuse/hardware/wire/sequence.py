@@ -40,17 +40,17 @@ class Place:
     """Samples missing between it and the newest before it; 0 unless fresh."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class SequenceCounts:
     """What became of a device's samples."""
 
-    fresh: int
+    fresh: int = 0
     """Restarts included."""
-    lost: int
+    lost: int = 0
     """Missing and not come late either."""
-    duplicated: int
-    late: int
-    restarted: int
+    duplicated: int = 0
+    late: int = 0
+    restarted: int = 0
 
 
 class SequenceWatch:
@@ -61,18 +61,8 @@ class SequenceWatch:
         self._newest_time_us = 0
         # The last numbers: the time of those seen, None for those missing; none from before the first.
         self._recent: dict[int, int | None] = {}
-        self._fresh = self._lost = self._duplicated = self._late = self._restarted = 0
-
-    @property
-    def counts(self) -> SequenceCounts:
+        self.counts = SequenceCounts()
         """What has become of the samples so far."""
-        return SequenceCounts(
-            fresh=self._fresh,
-            lost=self._lost,
-            duplicated=self._duplicated,
-            late=self._late,
-            restarted=self._restarted,
-        )
 
     def place(self, sequence: int, time_us: int) -> Place:
         """Where the next sample to come belongs, by its number (modulo 2^32) and its device time [µs]."""
@@ -87,11 +77,11 @@ class SequenceWatch:
             return self._restart(sequence, time_us)
         seen = sequence in self._recent
         if self._recent.get(sequence) is not None:
-            self._duplicated += 1
+            self.counts.duplicated += 1
             return Place(Arrival.DUPLICATE, 0)
         self._recent[sequence] = time_us
-        self._late += 1
-        self._lost -= seen
+        self.counts.late += 1
+        self.counts.lost -= seen
         return Place(Arrival.LATE, 0)
 
     def _fits(self, sequence: int, time_us: int) -> bool:
@@ -114,8 +104,8 @@ class SequenceWatch:
             self._remember((sequence - back) % MODULUS, None)
         self._remember(sequence, time_us)
         self._newest, self._newest_time_us = sequence, time_us
-        self._fresh += 1
-        self._lost += missing
+        self.counts.fresh += 1
+        self.counts.lost += missing
         return Place(Arrival.FRESH, missing)
 
     def _remember(self, sequence: int, time_us: int | None) -> None:
@@ -125,5 +115,5 @@ class SequenceWatch:
     def _restart(self, sequence: int, time_us: int) -> Place:
         self._recent.clear()
         self._advance(sequence, time_us, 0)
-        self._restarted += 1
+        self.counts.restarted += 1
         return Place(Arrival.RESTARTED, 0)

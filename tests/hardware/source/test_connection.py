@@ -12,8 +12,13 @@ import pytest
 from softfuse.errors import HardwareError
 from softfuse.hardware.source import connection as connection_module
 from softfuse.hardware.source.connection import Connection, remedy
-from softfuse.hardware.source.serial_port import open_serial
+from softfuse.hardware.source.port import open_serial
 from softfuse.hardware.stream import HostClock
+
+
+def running(connection: Connection) -> bool:
+    """Whether its thread is there."""
+    return connection._thread is not None and connection._thread.is_alive()
 
 
 @pytest.fixture
@@ -38,7 +43,7 @@ def connect(log):
     yield connect
     for connection in connections:
         connection.stop()
-        assert not connection.running
+        assert not running(connection)
 
 
 def test_bytes_are_handed_out_in_order_with_the_time_at_which_they_came(plug, log, connect):
@@ -84,7 +89,7 @@ def test_a_port_is_back_within_a_second_of_its_return(plug, log, connect):
         log.wait(lambda seen, count=count: len(seen.chunks) > count + 2)
         plug.unplug()
         log.wait(lambda seen: "lost" in seen.notices[-1].text)
-        assert not connection.connected and not connection.send(b"nobody")
+        assert not connection._connected.is_set() and not connection.send(b"nobody")
         # The device is away for longer than a poll, and the way back is measured to the first byte.
         time.sleep(0.3)
         count = len(log.chunks)
@@ -151,7 +156,7 @@ def test_other_threads_send_through_it_and_it_takes_its_leave(plug, log, connect
     assert plug.heard(3) == b"bye"
     count = len(log.chunks)
     plug.send(b"late")
-    assert not connection.running and len(log.chunks) == count
+    assert not running(connection) and len(log.chunks) == count
 
 
 def test_a_device_that_takes_no_bytes_does_not_stop_the_reading(plug, log, connect):
@@ -160,7 +165,7 @@ def test_a_device_that_takes_no_bytes_does_not_stop_the_reading(plug, log, conne
         connection.send(b"x" * 4096)
     plug.send(b"still here")
     log.wait(lambda seen: seen.data == b"still here")
-    assert connection.connected
+    assert connection._connected.is_set()
 
 
 def test_it_stops_while_it_waits_for_the_port(plug, log, connect):
@@ -170,7 +175,7 @@ def test_it_stops_while_it_waits_for_the_port(plug, log, connect):
     started = time.monotonic()
     connection.stop()
     assert time.monotonic() - started < 0.6
-    assert not connection.running
+    assert not running(connection)
 
 
 def test_idle_connections_cost_next_to_nothing(plug, log, connect):
@@ -184,7 +189,7 @@ def test_idle_connections_cost_next_to_nothing(plug, log, connect):
     started = time.process_time()
     time.sleep(0.5)
     waiting = time.process_time() - started
-    assert connection.running
+    assert running(connection)
     assert reading < 0.05 and waiting < 0.05
 
 

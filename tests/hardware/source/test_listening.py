@@ -9,11 +9,8 @@ from softfuse.hardware.source.listening import Listener
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
 from softfuse.hardware.source.text_lines import TextFormat, TextLines
 from softfuse.hardware.stream import Chunk
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
-from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
+from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode, pack
 
 BOARD = Description("b", tuple(Channel(name, RawType.F32, 1.0, 0.0) for name in ("a_V", "b_V")))
 LAYOUT = Layout(BOARD)

@@ -9,12 +9,11 @@ import threading
 import numpy as np
 import pytest
 
-from softfuse.errors import HardwareError, WireError
-from softfuse.hardware.source.bota_serial import BotaSerial
 from softfuse.hardware.source.connection import Connection
-from softfuse.hardware.source.robotous_rft import RobotousRft
-from softfuse.hardware.source.serial_port import open_serial
+from softfuse.hardware.source.port import open_serial
+from softfuse.hardware.source.serial_force_torque import BotaSerial, RobotousRft
 from softfuse.hardware.stream import HostClock
+from softfuse.robot.source import BotaSource, RobotousRftSource
 
 NAN = math.nan
 
@@ -48,9 +47,19 @@ def bota(wrench, time_us=0, status=0):
 
 RAW = (150, -100, 0x55AA, -2000, 400, -0x5600)
 WRENCH = (1.5, -2.0, 30.0, -0.25, 0.5, -1.0)
+
+
+def rft_driver(**settings):
+    return RobotousRft(RobotousRftSource(driver="robotous-rft", url="COM1", **settings))
+
+
+def bota_driver():
+    return BotaSerial(BotaSource(driver="bota", url="COM1"))
+
+
 SENSORS = {
-    "rft": (RobotousRft, lambda: rft(RAW), [3.0, -2.0, 0x55AA / 50, -1.0, 0.2, -0x5600 / 2000]),
-    "bota": (BotaSerial, lambda: bota(WRENCH), list(WRENCH)),
+    "rft": (rft_driver, lambda: rft(RAW), [3.0, -2.0, 0x55AA / 50, -1.0, 0.2, -0x5600 / 2000]),
+    "bota": (bota_driver, lambda: bota(WRENCH), list(WRENCH)),
 }
 
 
@@ -128,7 +137,7 @@ def test_the_crc_is_that_of_the_catalogue():
 
 
 def test_overloads_are_told_as_they_begin_and_end():
-    driver = RobotousRft()
+    driver = rft_driver()
     driver.feed(rft(RAW) + rft(RAW, 4) + rft(RAW, 4) + rft(RAW), 0.0)
     begun, ended = driver.take_notices()
     assert (begun.level, begun.text) == ("warning", "the sensor is overloaded (0x04)")
@@ -137,7 +146,7 @@ def test_overloads_are_told_as_they_begin_and_end():
 
 
 def test_responses_that_are_no_samples_are_none():
-    driver = RobotousRft()
+    driver = rft_driver()
     name = [ord(sign) for sign in "RFT60-HA01"]
     response = bytes([1, *name, 0, 0, 0, 0, 0])
     assert driver.feed(b"\x55" + response + bytes([sum(response) % 256, 0xAA]), 0.0) == []
@@ -154,7 +163,7 @@ def test_responses_that_are_no_samples_are_none():
     ],
 )
 def test_the_status_says_whether_values_can_be_believed(status, valid, told):
-    driver = BotaSerial()
+    driver = bota_driver()
     first, second, third = driver.feed(bota(WRENCH) + bota(WRENCH, 0, status) + bota(WRENCH), 0.0)
     assert np.isfinite(first.values).all() and np.isfinite(third.values).all()
     assert np.isfinite(second.values).all() == valid and np.isnan(second.values).all() == (not valid)
@@ -164,13 +173,13 @@ def test_the_status_says_whether_values_can_be_believed(status, valid, told):
 
 
 def test_values_that_are_no_numbers_are_missing():
-    (reading,) = BotaSerial().feed(bota((1.0, math.inf, NAN, 0.0, 0.0, 0.0)), 0.0)
+    (reading,) = bota_driver().feed(bota((1.0, math.inf, NAN, 0.0, 0.0, 0.0)), 0.0)
     np.testing.assert_array_equal(reading.values, [1.0, NAN, NAN, 0.0, 0.0, 0.0])
 
 
 def test_the_time_is_carried_on_over_wraps_and_begins_anew_after_a_restart():
     times = [2**32 - 5, 5, 1000, 10]
-    readings = BotaSerial().feed(b"".join(bota(WRENCH, time) for time in times), 0.0)
+    readings = bota_driver().feed(b"".join(bota(WRENCH, time) for time in times), 0.0)
     assert [reading.device_time_us for reading in readings] == [2**32 - 5, 2**32 + 5, 2**32 + 1000, 10]
 
 
@@ -209,7 +218,7 @@ class Rft(threading.Thread):
 def test_an_rft_is_stopped_set_started_and_stopped_at_the_end(plug, log):
     sensor = Rft(plug)
     sensor.running = True
-    driver = RobotousRft(rate=100)
+    driver = rft_driver(rate="100 Hz")
     connection = Connection(
         0,
         str(plug.path),
@@ -237,14 +246,3 @@ def test_an_rft_is_stopped_set_started_and_stopped_at_the_end(plug, log):
     readings = [reading for chunk in log.chunks for reading in driver.feed(chunk.data, chunk.host_s)]
     assert len(readings) > 20
     assert any("asked for its rate" in notice.text for notice in driver.take_notices())
-
-
-def test_settings_that_cannot_be_are_told():
-    with pytest.raises(HardwareError, match="choose from 10, 20, 50"):
-        RobotousRft(rate=60)
-    with pytest.raises(HardwareError, match="counts per torque"):
-        RobotousRft(counts_per_torque=-1.0)
-    with pytest.raises(HardwareError, match="six channels"):
-        BotaSerial(names=("a", "b", "c", "d", "e", "a"))
-    with pytest.raises(WireError, match="printable"):
-        BotaSerial(names=("a", "b", "c", "d", "e", "f\n"))

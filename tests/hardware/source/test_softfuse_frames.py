@@ -3,10 +3,8 @@
 import numpy as np
 
 from softfuse.hardware.source.softfuse_frames import SoftfuseFrames
-from softfuse.hardware.wire.channel import Channel, RawType
 from softfuse.hardware.wire.decoder import Decoder
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
 from softfuse.hardware.wire.message import (
     AskMessage,
     DescriptionMessage,
@@ -14,8 +12,8 @@ from softfuse.hardware.wire.message import (
     SampleMessage,
     TextMessage,
     encode,
+    pack,
 )
-from softfuse.hardware.wire.packet import pack
 
 PAD = Layout(Description("pad", tuple(Channel(f"flow{k}_V", RawType.F32, 1.0, 0.0) for k in range(3))))
 OTHER = Layout(Description("pad", (Channel("row0", RawType.U16, 1.0, 0.0),)))

@@ -11,11 +11,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from softfuse.hardware.source.serial_port import open_serial
-from softfuse.hardware.stage.gcode import GcodeStage
+from softfuse.hardware.source.port import open_serial
+from softfuse.hardware.stage.gcode import GcodeStage, Workspace
 from softfuse.hardware.stage.grbl import Grbl
 from softfuse.hardware.stage.marlin import Marlin
-from softfuse.hardware.stage.workspace import Workspace
 
 
 class Controller(threading.Thread):

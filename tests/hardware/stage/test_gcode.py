@@ -8,11 +8,11 @@ import time
 import pytest
 
 from softfuse.errors import HardwareError
-from softfuse.hardware.source.serial_port import open_serial
+from softfuse.hardware.source.port import open_serial
 from softfuse.hardware.stage import gcode
-from softfuse.hardware.stage.gcode import GcodeStage
+from softfuse.hardware.stage.dialect import Heard
+from softfuse.hardware.stage.gcode import GcodeStage, Workspace
 from softfuse.hardware.stage.grbl import ALARMS, Grbl
-from softfuse.hardware.stage.workspace import Workspace
 
 SETUP = {"grbl": ["G21", "G90", "G94"], "marlin": ["G21", "G90"]}
 
@@ -256,21 +256,17 @@ def test_a_grbl_that_somebody_holds_is_told(stage, controller, monkeypatch):
 )
 def test_reports_of_grbl_are_read(line, place, state):
     dialect = Grbl()
-    unknown = dialect.report("<Idle|MPos:11.000,22.000,-5.000|FS:0,0>")
-    assert unknown is not None and unknown.place is None
-    dialect.report("<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:10.000,20.000,-5.000>")
-    report = dialect.report(line)
-    assert report is not None and report.state == state
-    assert report.place == (None if place is None else pytest.approx(place))
+    assert dialect.heard("<Idle|MPos:11.000,22.000,-5.000|FS:0,0>") == Heard(state="Idle")
+    dialect.heard("<Idle|MPos:0.000,0.000,0.000|FS:0,0|WCO:10.000,20.000,-5.000>")
+    heard = dialect.heard(line)
+    assert heard.state == state
+    assert heard.place == (None if place is None else pytest.approx(place))
 
 
-@pytest.mark.parametrize(
-    "line", ["ok", "<Idle", "ALARM:x", "error:", "error:²", "", "Grbl", "<|>", "ALARM:-1"]
-)
+@pytest.mark.parametrize("line", ["<Idle", "ALARM:x", "error:", "error:²", "", "Grbl", "<|>", "ALARM:-1"])
 def test_other_lines_are_no_reports_and_no_trouble(line):
-    dialect = Grbl()
-    assert dialect.report(line) is None
-    assert dialect.broken(line) is None and dialect.refused(line) is None
+    assert Grbl().heard(line) == Heard()
+    assert Grbl().heard("ok") == Heard(answer=True)
 
 
 @pytest.mark.parametrize(

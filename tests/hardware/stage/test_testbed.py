@@ -15,13 +15,10 @@ import numpy as np
 import pytest
 
 from softfuse.cli import main
-from softfuse.hardware.record.session_reader import read_session
+from softfuse.hardware.record.session_reader import RecordedSession
 from softfuse.hardware.recording import Recording, read_recording
-from softfuse.hardware.wire.channel import Channel, RawType
-from softfuse.hardware.wire.description import Description
-from softfuse.hardware.wire.layout import Layout
-from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode
-from softfuse.hardware.wire.packet import pack
+from softfuse.hardware.wire.description import Channel, Description, Layout, RawType
+from softfuse.hardware.wire.message import DescriptionMessage, Header, SampleMessage, encode, pack
 from softfuse.robot.file import load
 
 ROOT = Path(__file__).parents[3]
@@ -170,7 +167,7 @@ def test_places_are_pressed_recorded_and_not_pressed_again(run, bed, controller,
     assert columns["fz_N"][0] == pytest.approx(WEIGHT, abs=1e-3)
     assert not recording.disordered.any() and bed.largest < 7.5
 
-    recorded = read_session(session)
+    recorded = RecordedSession(session)
     assert recorded.complete and recorded.info.channels == tuple(name for name in columns if name != "time_s")
     assert sum(1 for _ in recorded.frames()) == len(recording.time_s)
     assert {chunk.source for chunk in recorded.chunks()} == {0, 1}

@@ -10,8 +10,8 @@ import pytest
 from softfuse.errors import RecordingError
 from softfuse.hardware.record.entries import FrameEntry
 from softfuse.hardware.recording import read_recording
+from softfuse.hardware.testbed.files import CsvRecording
 from softfuse.hardware.testbed.places import LABELS, grid, next_press, pressed, read_places, remaining
-from softfuse.hardware.testbed.recording import CsvRecording
 
 
 def columns(*rows: tuple[float, ...]) -> dict[str, np.ndarray]:

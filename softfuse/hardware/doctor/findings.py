@@ -1,18 +1,138 @@
-"""What is found out about what computes: double precision, the solvers, the cache, the viewer."""
+"""What is found out about this computer: what is installed, what computes (double precision, the solvers, the
+cache, the viewer), and a robot's configuration.
+"""
 
 import importlib
+import importlib.metadata
 import os
+import platform
+import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from packaging.requirements import Requirement
 
-from softfuse.errors import SoftfuseError
-from softfuse.hardware.doctor.finding import Finding
+from softfuse.errors import ConfigError, SoftfuseError
+from softfuse.robot.file import load
+from softfuse.robot.settings import RobotSettings
 
+State = Literal["ok", "note", "problem"]
+EXTRAS = {
+    "viz": "the live view",
+    "sweep": "softfuse sweep",
+    "mkl": "the solver of Intel's MKL",
+    "dev": "the tests",
+}
+"""Extras, and what needs them."""
 _LEAST = 1e-9
 """The largest relative error that the solution of a small system may have."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at.
+
+    about: what; state: a note is what may be as it is; said: how it is; remedy: what to do, "" where nothing
+    is to be done; measured: the numbers behind it, for machines.
+    """
+
+    about: str
+    state: State
+    said: str
+    remedy: str = ""
+    measured: dict[str, object] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, object]:
+        """As it is told to machines."""
+        told: dict[str, object] = {"about": self.about, "state": self.state, "said": self.said}
+        if self.remedy:
+            told["remedy"] = self.remedy
+        return told | ({"measured": self.measured} if self.measured else {})
+
+
+def well(findings: Sequence[Finding]) -> bool:
+    """Whether there is no problem."""
+    return all(finding.state != "problem" for finding in findings)
+
+
+def check_config(config: Path) -> tuple[RobotSettings | None, list[Finding]]:
+    """The settings in a file, None where they are wrong, and what is to be said of them."""
+    try:
+        settings = load(config)
+    except ConfigError as error:
+        lines = str(error).split("\n")
+        return None, [
+            Finding(str(config), "problem", line.removeprefix(f"{config}: "), "correct the file, or its name")
+            for line in lines
+        ]
+    if not settings.sensors:
+        return settings, [Finding(str(config), "note", "it has no [sensors]", "add them for live estimates")]
+    heard = "" if settings.sources else "; it has no [[source]], --port listens to a device"
+    return settings, [Finding(str(config), "ok", f"{settings.robot.name}{heard}")]
+
+
+def check_installed() -> list[Finding]:
+    """Python, softfuse and all that it depends on."""
+    findings = [
+        Finding("python", "ok", f"{platform.python_version()} on {sys.platform}, {platform.machine()}")
+    ]
+    try:
+        package = importlib.metadata.distribution("softfuse")
+    except importlib.metadata.PackageNotFoundError:
+        return [
+            *findings,
+            Finding("softfuse", "problem", "it is not installed", "install it with pip install -e ."),
+        ]
+    findings.append(Finding("softfuse", "ok", package.version))
+    return [*findings, *check_requirements(package.requires or [], installed_version)]
+
+
+def installed_version(name: str) -> str | None:
+    """The version of an installed package, None where there is none."""
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def check_requirements(
+    requirements: Sequence[str], version_of: Callable[[str], str | None]
+) -> Iterator[Finding]:
+    """One finding for each requirement in the form of PEP 508; what only an extra needs is no problem."""
+    for text in requirements:
+        requirement = Requirement(text)
+        extra = _extra(requirement)
+        if extra is None and requirement.marker is not None and not requirement.marker.evaluate():
+            continue  # not for this machine
+        yield _check(requirement, extra, version_of(requirement.name))
+
+
+def _check(requirement: Requirement, extra: str | None, version: str | None) -> Finding:
+    wanted = f"{requirement.name}{requirement.specifier}"
+    install = f"install it with pip install '{wanted}'"
+    about = requirement.name if extra is None else f"{requirement.name} [{extra}]"
+    if version is None:
+        if extra is None:
+            return Finding(about, "problem", "it is not installed", install)
+        use = EXTRAS.get(extra, f"the extra {extra}")
+        return Finding(
+            about, "note", f"it is not installed, {use} needs it", f"pip install 'softfuse[{extra}]'"
+        )
+    if not requirement.specifier.contains(version, prereleases=True):
+        return Finding(about, "problem", f"{version} is not {requirement.specifier}", install)
+    return Finding(about, "ok", version, measured={"version": version})
+
+
+def _extra(requirement: Requirement) -> str | None:
+    """Which extra needs it, None where softfuse itself does."""
+    marker = requirement.marker
+    if marker is None or marker.evaluate({"extra": ""}):
+        return None
+    return next((extra for extra in EXTRAS if marker.evaluate({"extra": extra})), None)
 
 
 def check_devices() -> list[Finding]:
