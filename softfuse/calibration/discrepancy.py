@@ -27,7 +27,7 @@ def alike_in_press(press: Int[np.ndarray, " s"], correlation: float) -> Float[np
 @dataclass(frozen=True)
 class Discrepancy:
     """`part` δ [-] of a reading, `alike` ρ [-] in a press: 0.9 to 0.95 make the nominal recording of the
-    reference pad likeliest, as do floors of 0.03 to 0.05 in `missed`.
+    reference block likeliest, as do floors of 0.03 to 0.05 in `missed`.
     """
 
     part: float

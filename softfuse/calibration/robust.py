@@ -24,7 +24,7 @@ from softfuse.errors import SoftfuseError
 
 FREEDOM = 15.0
 """ν: three readings of a press that miss by ten standard deviations in all count a seventh. Fewer degrees of
-freedom make the recordings of the reference pad less likely, as they give up presses that tell most.
+freedom make the recordings of the reference block less likely, as they give up presses that tell most.
 """
 
 

@@ -10,7 +10,7 @@ from softfuse.hardware.virtual.outlet import AbstractOutlet, Backlog
 LOOPBACK = "127.0.0.1"
 _READ_SIZE = 4096
 _ROOM = 16384
-"""Bytes that the system may keep for a listener who is behind; a few seconds of a pad."""
+"""Bytes that the system may keep for a listener who is behind; a few seconds of a robot."""
 
 
 class TcpPort(AbstractOutlet):

@@ -1,4 +1,4 @@
-"""A pad that is switched on while something touches it.
+"""An array that is switched on while something touches it.
 
 The first reading of an electrode becomes its baseline, so that what touches then is not seen, and what leaves
 later leaves a hole. Where it is known what the electrodes read untouched, they can tell: of what they read

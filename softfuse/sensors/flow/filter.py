@@ -247,7 +247,7 @@ def flow_update(
     """One frame.
 
     Args: dt_s time since the last frame [s], 0 for the first; flow_V (k,) readings [V], NaN where missing;
-    touching: whether something touches the pad in this frame.
+    touching: whether something touches the body in this frame.
     Returns: the new state and the FlowReading.
     """
     state = _push(sensor, _advance(sensor, state, dt_s, touching), dt_s, flow_V)

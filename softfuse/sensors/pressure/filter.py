@@ -7,10 +7,10 @@ a digital one (`sensor`). Parts are some per cent of full scale off, so every ch
 [Pa] is positive in a squeezed cavity. Escaping gas is looked for by leak.py.
 
 Which part: one that reads from 0 up (over the atmosphere, or between its ports) says nothing of a stretched
-cavity, and a bent finger stretches half of its cavities: these are then out of range, not at zero.
+cavity, and a bent body stretches half of its cavities: these are then out of range, not at zero.
 
 Touch is recognised some frames late, so the tare and the leak test run `lag` frames behind and use a frame
-only if the finger has rested until now; and only when it has rested for `hold_off_s`, since gas that was
+only if the body has rested until now; and only when it has rested for `hold_off_s`, since gas that was
 compressed or expanded takes some tenths of a second to regain the temperature of the walls (up to 29 % of its
 pressure).
 """
