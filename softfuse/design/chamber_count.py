@@ -1,16 +1,15 @@
 """The chambers of a robot that gets those of a plan, perhaps others in number, and its sensors on them."""
 
-from collections.abc import Sequence
-
 from softfuse.design.plan import DesignPlan
 from softfuse.errors import ConfigError
 from softfuse.robot.file import Edits, Key
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.flow.sensor import FlowSettings
-from softfuse.sensors.pressure.sensor import PressureSettings
 
 OWN = ("name", "centre", "shift", "growth")
 """What a plan's chamber has of its own: how one was made differs from its drawing."""
+
+_CHANNELS = {"volume": "V", "pressure": "pressure V"}
+"""How the name of a channel ends that tells such a quantity of a chamber."""
 
 
 def with_chambers(plan: DesignPlan, config: RobotSettings) -> RobotSettings:
@@ -62,7 +61,8 @@ def channel_edits(plan: DesignPlan, config: RobotSettings) -> Edits:
     names, before = ([each.name for each in chambers] for chambers in (plan.cavities, config.chambers))
     edits: dict[Key, list[str]] = {}
     for k, sensor in enumerate(config.sensors):
-        if not isinstance(sensor, FlowSettings | PressureSettings):
+        ends = {_CHANNELS.get(quantity) for quantity in sensor.quantities or ()} - {None}
+        if not ends:
             continue
         if len(names) == len(before):
             edits["sensor", k, "chambers"] = [names[before.index(name)] for name in sensor.chambers]
@@ -73,12 +73,7 @@ def channel_edits(plan: DesignPlan, config: RobotSettings) -> Edits:
                 f"{plan.path}: cavity: {len(names)} of them, but sensor[{k}] of {config.path} has {what}: "
                 "give it one for all, or draw as many cavities"
             )
-        unit = "V" if isinstance(sensor, FlowSettings) else "pressure V"
+        (end,), own = ends, list(sensor.channels[: len(names)])
         edits["sensor", k, "chambers"] = names
-        edits["sensor", k, "channels"] = _channels(sensor.channels, names, unit)
+        edits["sensor", k, "channels"] = own + [f"{name} {end}" for name in names[len(own) :]]
     return edits
-
-
-def _channels(channels: Sequence[str], names: Sequence[str], unit: str) -> list[str]:
-    own = list(channels[: len(names)])
-    return own + [f"{name} {unit}" for name in names[len(own) :]]

@@ -8,15 +8,18 @@ no edge longer than
 with d the depth of the tetrahedron's highest corner below the top, and the mirror symmetries of the pad.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from softfuse.errors import MeshError
-from softfuse.mesh.block import Block, block_mesh, centred_boxes
-from softfuse.mesh.drawing import AbstractBlockDrawing
+from softfuse.io.quantity import wrong_value
+from softfuse.io.settings import Vector
+from softfuse.mesh.block import Block, block_mesh, centred_boxes, finer_to_the_top, whole_block
+from softfuse.mesh.drawing import AbstractBlockDrawing, BlockSource, Size
 from softfuse.mesh.tetmesh import TetMesh
 
 
@@ -36,14 +39,7 @@ class PadGeometry(AbstractBlockDrawing):
 
     def block(self) -> Block:
         """The block with its cavities, planes of the grid in its middle."""
-        x, y, z = self.size
-        return Block(
-            low=np.array([-0.5 * x, -0.5 * y, 0.0]),
-            high=np.array([0.5 * x, 0.5 * y, z]),
-            cavities=centred_boxes(self.centres(), self.cavity_size),
-            notches=np.empty((0, 2, 3)),
-            planes=((0.0,), (0.0,), (z,)),
-        )
+        return whole_block(self.size, centred_boxes(self.centres(), self.cavity_size))
 
     def volume(self) -> float:
         """Volume of the material in m³."""
@@ -52,6 +48,32 @@ class PadGeometry(AbstractBlockDrawing):
     def mesh(self, surface_size, base_size, *, growth=1.0, fine_depth=0.0):
         """Linear tetrahedra; see `pad_mesh`."""
         return pad_mesh(self, surface_size, base_size, growth=growth, fine_depth=fine_depth)
+
+
+class PadSource(BlockSource):
+    """A block with equal box-shaped cavities of a cavity_size (3,) m, all at the same height."""
+
+    type: Literal["pad"]
+    cavity_size: Size
+
+    def drawing(self, cavity_centres):
+        """The pad with cavities at the centres (k, 3) m."""
+        return PadGeometry(
+            size=self.size,
+            cavity_size=self.cavity_size,
+            cavity_centres=tuple(centre[:2] for centre in cavity_centres),
+            cavity_z_bottom=cavity_centres[0][2] - 0.5 * self.cavity_size[2],
+        )
+
+    def check_cavities(self, centres: Sequence[Vector]) -> None:
+        """A pad has a cavity, and all at one height."""
+        if not centres:
+            raise wrong_value("a pad has at least one: add [[chamber]] with name and centre", key="chamber")
+        for k, centre in enumerate(centres):
+            if abs(centre[2] - centres[0][2]) > 1e-9:
+                raise wrong_value(
+                    "the cavities of a pad are all at one height", key=f"chamber[{k}].centre[2]"
+                )
 
 
 def pad_mesh(
@@ -70,22 +92,6 @@ def pad_mesh(
     """
     longest = finer_to_the_top(geometry.size[2], surface_size, growth=growth, fine_depth=fine_depth)
     return sized_pad_mesh(geometry, base_size, longest)
-
-
-def finer_to_the_top(
-    top: float, surface_size: float, *, growth: float = 1.0, fine_depth: float = 0.0
-) -> Callable[[np.ndarray], np.ndarray]:
-    """The longest edges (m,) in m that tetrahedra of corners (m, 4, 3) m may have, in a body whose top is at
-    z = `top` m; lengths and errors: see `pad_mesh`.
-    """
-    if surface_size <= 0.0 or growth < 0.0 or fine_depth < 0.0:
-        raise MeshError("surface_size must be positive, growth and fine_depth not negative")
-
-    def longest(corners: np.ndarray) -> np.ndarray:
-        depth = top - corners[:, :, 2].max(axis=1)
-        return surface_size + growth * np.maximum(depth - fine_depth, 0.0)
-
-    return longest
 
 
 def sized_pad_mesh(

@@ -7,10 +7,11 @@ import pytest
 
 from softfuse.design.casting import Casting, casting, cavity_solids
 from softfuse.design.port import nearest_ports
-from softfuse.mesh.pad import PadGeometry, finer_to_the_top
+from softfuse.mesh.block import Fineness, finer_to_the_top
+from softfuse.mesh.pad import PadGeometry
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout import Parameter, TiedLayout
-from softfuse.robot.layout.layout_mesh import Fineness, LayoutMesh, layout_mesh
+from softfuse.robot.layout.layout_mesh import LayoutMesh, layout_mesh
 from softfuse.robot.layout.outline import Outline
 from softfuse.robot.layout.profile import AbstractProfile, RoundedBox
 

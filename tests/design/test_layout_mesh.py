@@ -8,14 +8,15 @@ from scipy.spatial import cKDTree
 
 from softfuse.errors import MeshError
 from softfuse.functional import Cavity
+from softfuse.mesh.block import Fineness, finer_to_the_top
 from softfuse.mesh.orientation import check
-from softfuse.mesh.pad import PadGeometry, finer_to_the_top
+from softfuse.mesh.pad import PadGeometry
 from softfuse.mesh.quality import curved_mean_ratios, mean_ratios
 from softfuse.mesh.surface import outer_surface
 from softfuse.mesh.tetmesh import TetMesh, quadratic, tet_mesh
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout import TiedLayout
-from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh, remade
+from softfuse.robot.layout.layout_mesh import layout_mesh, remade
 from softfuse.robot.layout.outline import Outline
 from softfuse.robot.layout.profile import FreeForm, RoundedBox, Superellipsoid
 

@@ -25,7 +25,8 @@ from softfuse.experiment.pose_cache import Arrays, kept, settings_digest
 from softfuse.experiment.timeline import Timing, frames
 from softfuse.experiment.virtual_robot import MakingErrors, VirtualRobot, virtual_robot
 from softfuse.functional.workspace import FlatWorkspace
-from softfuse.robot.body import BlockSource, FingerSource
+from softfuse.mesh.drawing import BlockSource
+from softfuse.mesh.finger import FingerSource
 from softfuse.robot.digest import digest
 from softfuse.robot.settings import RobotSettings
 
@@ -75,9 +76,9 @@ def build_bed(settings: RobotSettings, *, grid: int, seed: int) -> Bed:
     Raises ConfigError when the body is neither, or nothing may press on it.
     """
     source = settings.body.source
-    if isinstance(source, FingerSource):
+    if source.type == "finger":
         return finger_bed(settings, source, TABLE_III, seed=seed)
-    if isinstance(source, BlockSource):
+    if source.type == "pad" or source.type == "layout":
         return _pad_bed(settings, source, grid, seed)
     raise ConfigError(
         f'{settings.path}: body.source.type: the paper has pads and a finger: "pad", "layout", "finger"'

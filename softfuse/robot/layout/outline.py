@@ -32,19 +32,8 @@ class Outline:
 
     @classmethod
     def of(cls, block: Block) -> "Outline":
-        """The outside of a device's block, such as `PadGeometry.block()` or `FingerGeometry.block()`."""
+        """The outside of a block, whatever its cavities."""
         return cls(block.low, block.high, block.notches, block.planes)
-
-    @classmethod
-    def of_size(cls, size: tuple[float, float, float]) -> "Outline":
-        """A whole block of a size (3,) m: z from 0 at its bottom, x and y centred, planes in its middle."""
-        x, y, z = size
-        return cls(
-            low=np.array([-0.5 * x, -0.5 * y, 0.0]),
-            high=np.array([0.5 * x, 0.5 * y, z]),
-            notches=np.empty((0, 2, 3)),
-            planes=((0.0,), (0.0,), (z,)),
-        )
 
     def around(self, cavities: Float[np.ndarray, "k 2 3"]) -> Block:
         """The block with box-shaped cavities between their lowest and highest corners (k, 2, 3) m."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Annotated, Literal, Self
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -22,8 +23,8 @@ from softfuse.io.quantity import (
     PositiveNumber,
     wrong_value,
 )
-from softfuse.io.settings import NotEmpty, Positions, Settings, listed
-from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray, CountsSettings
+from softfuse.io.settings import NotEmpty, Settings, listed
+from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray, LineSettings
 from softfuse.sensors.crossed.array_pose import ArrayPose
 from softfuse.sensors.crossed.field import ArrayField, CrossedLines, FieldSettings
 from softfuse.sensors.crossed.peak_model import PeakModel
@@ -31,6 +32,7 @@ from softfuse.sensors.crossed.sensor import CrossedElectrodes
 from softfuse.sensors.crossed.touch import TouchDetector
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.parts import Parts
+from softfuse.sensors.place_information import charge_of, place_told_by_lines
 from softfuse.sensors.true_contact import TrueContact, coordinates, face_height, flat_chart
 
 Fraction = Annotated[Number, Gt(0), Lt(1)]
@@ -126,19 +128,15 @@ class PoseSettings(Settings):
         )
 
 
-class CrossedSettings(CountsSettings):
-    """A single-ended array of crossed lines of diamonds under the flat face on which a [[contact]] presses.
+class CrossedSettings(LineSettings):
+    """A single-ended array of crossed lines of diamonds, at depths below the surface, in m.
 
-    row_y, column_x: their centre lines in the chart of the contact, and depths below the surface, in m.
     channels: columns of a recording, rows first. row_gain, column_gain [-]: counts of a line for what a
     nominal one says with one, one value or one for each. row_baseline, column_baseline: counts of each line
     untouched, for a start while something touches.
     """
 
     type: Literal["crossed-diamonds"] = "crossed-diamonds"
-    contact: str
-    row_y: Positions
-    column_x: Positions
     row_depth: PositiveLength
     column_depth: PositiveLength
     row_gain: Gains = (1.0,)
@@ -218,6 +216,17 @@ class CrossedSettings(CountsSettings):
             outlier=jnp.asarray(peak.outlier, float),
             iterations=peak.iterations,
         )
+
+    def place_information(self, radius_m):
+        """Of contacts as strong as make it tell contact (contact_on_counts)."""
+        peak = self.peak_model(radius_m)
+        charge = charge_of(peak, self.touch.contact_on_counts)
+
+        def told(columns, rows, places):
+            moved = eqx.tree_at(lambda m: (m.column_x_m, m.row_y_m), peak, (columns, rows))
+            return place_told_by_lines(moved, charge, places)
+
+        return told
 
     def _chart(self, parts: Parts) -> FlatChart:
         return flat_chart(parts, self.name, self.contact)

@@ -181,6 +181,11 @@ class FlowSettings(SensorSettings):
             raise wrong_value(f"{len(self.channels)} for {len(self.chambers)} chambers", key="channels")
         return self
 
+    @property
+    def quantities(self):
+        """One of each chamber."""
+        return ("volume",) * len(self.chambers)
+
     def filter(self) -> FlowSensor:
         """The filter of k channels."""
         count = len(self.channels)

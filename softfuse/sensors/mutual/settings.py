@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Literal, Self
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -16,8 +17,8 @@ from softfuse.io.quantity import (
     PositiveTime,
     wrong_value,
 )
-from softfuse.io.settings import Positions, Settings
-from softfuse.sensors.capacitive import CountsSettings
+from softfuse.io.settings import Settings
+from softfuse.sensors.capacitive import LineSettings
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.mutual.field import MutualField, Thing
 from softfuse.sensors.mutual.fit import Splitting
@@ -25,6 +26,7 @@ from softfuse.sensors.mutual.grid import MutualGrid
 from softfuse.sensors.mutual.model import MutualModel, mean_pitch
 from softfuse.sensors.mutual.sensor import MutualElectrodes
 from softfuse.sensors.mutual.touch_tracks import MOST_TRACKS, TouchFollower
+from softfuse.sensors.place_information import place_told_by_grid
 from softfuse.sensors.true_contact import TrueContact, coordinates, flat_chart
 
 # Of virtual cells: counts at rest and by how much they differ, spread of gains, drift of all and of each
@@ -141,17 +143,14 @@ class MutualTouchSettings(Settings):
         )
 
 
-class MutualSettings(CountsSettings):
-    """A grid of 4 × 4 mutual capacitances where rows cross columns, under the flat face of a [[contact]].
+class MutualSettings(LineSettings):
+    """A grid of 4 × 4 mutual capacitances where rows cross columns.
 
-    row_y, column_x: their centre lines in the chart of the contact in m; channels: one column per cell, row
-    by row, in each row along x. touches: things followed at once, near ones too.
+    channels: one column per cell, row by row, in each row along x. touches: things followed at once, near
+    ones too.
     """
 
     type: Literal["mutual-4x4"] = "mutual-4x4"
-    contact: str
-    row_y: Positions
-    column_x: Positions
     touches: PositiveInteger = 4
     baseline: MutualBaselineSettings = MutualBaselineSettings()
     shape: MutualShapeSettings = MutualShapeSettings()
@@ -201,6 +200,20 @@ class MutualSettings(CountsSettings):
             near_sigma=jnp.asarray(self.touch.near_sigma, float),
             touches=self.touches,
         )
+
+    def place_information(self, radius_m):
+        """Of firm contacts (firm_on), whatever their radius."""
+        del radius_m
+        grid = self.grid().model
+
+        def told(columns, rows, places):
+            moved = eqx.tree_at(lambda m: (m.column_x_m, m.row_y_m), grid, (columns, rows))
+            # Lines as wide as their pitch stay so.
+            width = moved.half_width_m if self.shape.electrode_width else 0.5 * moved.pitch_m
+            moved = eqx.tree_at(lambda m: m.half_width_m, moved, width)
+            return place_told_by_grid(moved, self.touch.firm_on, places)
+
+        return told
 
     def sensor(self, parts):
         """Raises ConfigError for a contact that there is not, that presses on no flat face, or in too many

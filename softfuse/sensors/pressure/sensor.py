@@ -286,6 +286,11 @@ class PressureSettings(SensorSettings):
         return (*self.channels, *(() if self.reference_channel is None else (self.reference_channel,)))
 
     @property
+    def quantities(self):
+        """One of each chamber."""
+        return ("pressure",) * len(self.chambers)
+
+    @property
     def line(self) -> tuple[float, float]:
         """Slope [1/Pa] and offset [-] of output over reference."""
         if self.slope is not None:
