@@ -22,13 +22,12 @@ from softfuse.errors import ConfigError, MeshError
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.io.quantity import millimetres
 from softfuse.mechanics.model import Model
-from softfuse.mesh.block import Fineness
+from softfuse.mesh.block import Block, Fineness
 from softfuse.mesh.files import write_mesh
 from softfuse.robot.chamber_shapes import written_centre, written_shape
 from softfuse.robot.file import edit, moved, saved
 from softfuse.robot.layout.layout import Parameter, TiedLayout
 from softfuse.robot.layout.layout_mesh import LayoutMesh
-from softfuse.robot.layout.outline import Outline
 from softfuse.robot.mesh import robot_mesh
 from softfuse.robot.press_plan import SweepPlan
 from softfuse.robot.press_series import build_series, places_of
@@ -147,14 +146,7 @@ def searched_config(plan: DesignPlan, config: RobotSettings) -> RobotSettings:
                 f"{plan.path}: search.edges: the mesh of {config.path} has no {name}: it has "
                 f"{', '.join(source.edges) or 'none that can be chosen'}"
             )
-    body = config.body.model_copy(update={"source": source.model_copy(update=plan.search.edges)})
-    return config.model_copy(update={"body": body})
-
-
-def finer_config(config: RobotSettings, times: float) -> RobotSettings:
-    """The config whose mesh has so many times shorter edges, as far as these are configured."""
-    body = config.body.model_copy(update={"source": config.body.source.finer(times)})
-    return config.model_copy(update={"body": body})
+    return config.meshed(plan.search.edges)
 
 
 def build_places(plan: DesignPlan, config: RobotSettings) -> tuple[Array, tuple[str, ...]]:
@@ -188,10 +180,10 @@ def _watched(config: RobotSettings, device: Model) -> MaterialPoints | None:
         return MaterialPoints.embedded(device.body, np.array(points)) if points else None
 
 
-def _outside(plan: DesignPlan, config: RobotSettings) -> Outline:
+def _outside(plan: DesignPlan, config: RobotSettings) -> Block:
     source = config.body.source
     try:
-        return Outline.of(source.outside())
+        return source.outside()
     except MeshError as error:
         raise ConfigError(
             f"{plan.path}: device: the body of {config.path} comes from a {source.type}; {error}"

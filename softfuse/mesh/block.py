@@ -25,7 +25,13 @@ _THIN = 0.05
 """Smallest distance of two grid planes over base_size that still gives usable tetrahedra."""
 
 
-_NO_BOXES = np.empty((0, 2, 3))
+NO_BOXES: Float[np.ndarray, "0 2 3"] = np.empty((0, 2, 3))
+
+SIDES = ("low x", "low y", "low z", "high x", "high y", "high z")
+"""Names of a block's faces."""
+
+NORMALS: Float[np.ndarray, "6 3"] = np.vstack([-np.eye(3), np.eye(3)])
+"""Outward unit normals (6, 3) of its faces, in the order of SIDES."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +54,28 @@ class Block:
         """Lowest and highest corners (k + n, 2, 3) in m of cavities and notches."""
         return np.concatenate([self.cavities, self.notches])
 
+    @property
+    def offsets(self) -> Float[np.ndarray, "6"]:
+        """How far (6,) m the block reaches along NORMALS."""
+        return np.concatenate([-self.low, self.high])
+
+    def check(self) -> None:
+        """Raise MeshError where the block or a notch has no volume."""
+        boxes = np.concatenate([np.stack([self.low, self.high])[None], self.notches])
+        flat = (boxes[:, 1] <= boxes[:, 0]).any(axis=1)
+        if flat.any():
+            k = int(np.argmax(flat))
+            what = "the block" if k == 0 else f"notch {k - 1}"
+            raise MeshError(
+                f"{what} has no volume: its highest corner must lie above its lowest along x, y, z"
+            )
+
     def volume(self) -> float:
         """Volume of the material in m³; the holes must not overlap nor leave the block."""
         return float(np.prod(self.high - self.low) - np.ptp(self.holes, axis=1).prod(axis=1).sum())
 
 
-def whole_block(size: tuple[float, float, float], cavities: Float[np.ndarray, "k 2 3"] = _NO_BOXES) -> Block:
+def whole_block(size: tuple[float, float, float], cavities: Float[np.ndarray, "k 2 3"] = NO_BOXES) -> Block:
     """A block of a size (3,) m with boxes (k, 2, 3) m for cavities and no notches: z from 0 at its bottom, x
     and y centred, planes in its middle and at its top.
     """
@@ -62,7 +84,7 @@ def whole_block(size: tuple[float, float, float], cavities: Float[np.ndarray, "k
         low=np.array([-0.5 * x, -0.5 * y, 0.0]),
         high=np.array([0.5 * x, 0.5 * y, z]),
         cavities=cavities,
-        notches=_NO_BOXES,
+        notches=NO_BOXES,
         planes=((0.0,), (0.0,), (z,)),
     )
 

@@ -1,12 +1,9 @@
-"""Where the mesh of a body comes from, and what a block with cavities is to be like, before it is meshed.
+"""Where the mesh of a body comes from: each kind has its settings beside what makes its mesh."""
 
-Each kind of source has its settings beside what makes its mesh, and a line in `registry`.
-"""
-
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from annotated_types import Ge
@@ -28,10 +25,6 @@ class BodySource(Settings):
 
     edges: ClassVar[tuple[str, ...]] = ()
     """Keys of the lengths of the mesh's edges."""
-
-    def finer(self, times: float) -> Self:
-        """The same with so many times shorter edges."""
-        return self.model_copy(update={key: getattr(self, key) / times for key in self.edges})
 
     @abstractmethod
     def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
@@ -77,16 +70,6 @@ class BlockSource(BodySource):
     growth: Annotated[Number, Ge(0)] = 1.0
     fine_depth: Annotated[Length, Ge(0)] = 0.0
 
-    @abstractmethod
-    def drawing(self, cavity_centres: Sequence[Vector]) -> "AbstractBlockDrawing":
-        """The block with cavities at these centres (k, 3) m, which `check_cavities` has seen."""
-
-    def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
-        """The drawing's, as fine as configured."""
-        return self.drawing(cavity_centres).mesh(
-            self.surface_size, self.base_size, growth=self.growth, fine_depth=self.fine_depth
-        )
-
     def outside(self) -> Block:
         """The whole block."""
         return whole_block(self.size)
@@ -108,21 +91,3 @@ class BlockSource(BodySource):
             "growth": self.growth,
             "base_size": millimetres(self.base_size),
         }
-
-
-class AbstractBlockDrawing(ABC):
-    """A block of a size (3,) m with closed cavities: z from the bottom (0) to the top, x and y centred."""
-
-    size: tuple[float, float, float]
-
-    @abstractmethod
-    def centres(self) -> Float[np.ndarray, "k 3"]:
-        """Centres (k, 3) in m of the cavities, in the order of the config."""
-
-    @abstractmethod
-    def mesh(
-        self, surface_size: float, base_size: float, *, growth: float = 1.0, fine_depth: float = 0.0
-    ) -> TetMesh:
-        """Tetrahedra, linear or not, with edges at the top of at most surface_size m from a grid of boxes of
-        at most base_size m; lengths: see `finer_to_the_top`. Raises MeshError when there is no such mesh.
-        """

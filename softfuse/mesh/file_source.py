@@ -41,9 +41,9 @@ class FileSource(BodySource):
 class SurfaceSource(FileSource):
     """A closed surface (STL, OBJ, PLY, OFF) filled with tetrahedra; closed surfaces inside it are cavities.
 
-    edge_length: of the tetrahedra, m; inserts: closed surfaces in the same
-    unit, each a region of its own; envelope: how far straight edges may be from the surface, as a fraction of
-    the body's diagonal, a twentieth of edge_length where it is left out.
+    edge_length: of the tetrahedra, m; inserts: closed surfaces in the same unit, each a region of its own;
+    envelope: how far straight edges may be from the surface, as a fraction of the body's diagonal, a
+    twentieth of edge_length where it is left out.
     """
 
     edges: ClassVar[tuple[str, ...]] = ("edge_length",)

@@ -14,7 +14,7 @@ mirror symmetry of the finger in y = 0 and starts, where the necks are alike and
 grid around each of them.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -76,10 +76,6 @@ class FingerGeometry:
             planes=((*necks.tolist(), *middles.tolist()), (0.0,), (z,)),
         )
 
-    def volume(self) -> float:
-        """Volume of the material in m³."""
-        return self.block().volume()
-
 
 class FingerSource(BodySource):
     """A beam with necks and equal box-shaped cavities.
@@ -136,23 +132,13 @@ def finger_mesh(
     """Linear tetrahedra of the finger, edges around the cavities at most wall_size m long.
 
     The tetrahedra come from grid boxes of at most base_size m; their longest edge gains growth metres per
-    metre of distance from the cavities' edges. Raises MeshError when a length is not positive, necks meet or
-    reach an end, a cavity reaches the surface, a notch or another cavity, or faces lie too near to each
-    other.
+    metre of distance from the cavities' edges; for another fineness see `block_mesh`. Raises MeshError when a
+    length is not positive, necks meet or reach an end, a cavity reaches the surface, a notch or another
+    cavity, or faces lie too near to each other.
     """
     cavities = centred_boxes(geometry.centres(), geometry.cavity_size)
     farthest = float(np.linalg.norm(geometry.size))
     longest = finer_to_edges(cavities, farthest, wall_size, growth=growth)
-    return sized_finger_mesh(geometry, base_size, longest)
-
-
-def sized_finger_mesh(
-    geometry: FingerGeometry, base_size: float, longest: Callable[[np.ndarray], np.ndarray]
-) -> TetMesh:
-    """Linear tetrahedra of the finger whose edges are at most `longest(corners (m, 4, 3) m)` (m,) in m.
-
-    For refinement around a known contact; otherwise, and for the errors raised, see `finger_mesh`.
-    """
     _check(geometry)
     return block_mesh(geometry.block(), base_size, longest)
 

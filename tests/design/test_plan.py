@@ -17,7 +17,6 @@ from softfuse.design.of_robot import (
     build_limits,
     build_places,
     build_problem,
-    finer_config,
     limits_of,
     save_designed,
     searched_config,
@@ -168,7 +167,7 @@ def test_walls_by_name_are_those_of_a_cavity(changed) -> None:
 def test_a_finer_config_has_shorter_edges() -> None:
     for name in ("pad.toml", "finger.toml"):
         config = load(CONFIGS / name)
-        assert finer_config(config, 2.0).body.source.base_size == 0.5 * config.body.source.base_size
+        assert config.finer(2.0).body.source.base_size == 0.5 * config.body.source.base_size
 
 
 def test_a_search_may_have_a_mesh_of_its_own() -> None:

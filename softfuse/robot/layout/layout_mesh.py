@@ -129,7 +129,7 @@ def layout_mesh(
     turned or shaped so unlike boxes that tetrahedra turn inside out.
     """
     boxes = _aligned(_boxes(layout, jnp.asarray(theta)), _ONE_PLANE * fineness.base_size)
-    straight = block_mesh(layout.outline.around(boxes), fineness.base_size, fineness.longest)
+    straight = block_mesh(replace(layout.outline, cavities=boxes), fineness.base_size, fineness.longest)
     mesh = quadratic(straight)
     return _made(layout, jnp.asarray(theta), boxes, mesh, cavities(mesh, boxes.mean(axis=1)))
 
