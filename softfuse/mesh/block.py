@@ -24,7 +24,6 @@ _SAME = 1e-9
 _THIN = 0.05
 """Smallest distance of two grid planes over base_size that still gives usable tetrahedra."""
 
-
 NO_BOXES: Float[np.ndarray, "0 2 3"] = np.empty((0, 2, 3))
 
 SIDES = ("low x", "low y", "low z", "high x", "high y", "high z")

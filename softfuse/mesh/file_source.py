@@ -9,8 +9,8 @@ from annotated_types import Gt, Lt
 from softfuse.errors import MeshError
 from softfuse.io.quantity import LengthUnit, Number, PositiveLength
 from softfuse.io.settings import ExistingFile, Vector
+from softfuse.mesh.body_source import BodySource
 from softfuse.mesh.chambers import hollowed
-from softfuse.mesh.drawing import BodySource
 from softfuse.mesh.files import read_mesh, read_surface
 from softfuse.mesh.shell import Shell
 from softfuse.mesh.tetmesh import TetMesh

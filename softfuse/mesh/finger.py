@@ -26,7 +26,7 @@ from softfuse.errors import MeshError
 from softfuse.io.quantity import Number, PositiveLength
 from softfuse.io.settings import NotEmpty, Vector
 from softfuse.mesh.block import Block, Fineness, block_mesh, centred_boxes, finer_to_edges
-from softfuse.mesh.drawing import BodySource, Size
+from softfuse.mesh.body_source import BodySource, Size
 from softfuse.mesh.shell import Shell
 from softfuse.mesh.tetmesh import TetMesh
 

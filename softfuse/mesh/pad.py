@@ -19,7 +19,7 @@ from softfuse.errors import MeshError
 from softfuse.io.quantity import wrong_value
 from softfuse.io.settings import Vector
 from softfuse.mesh.block import Block, block_mesh, centred_boxes, finer_to_the_top, whole_block
-from softfuse.mesh.drawing import BlockSource, Size
+from softfuse.mesh.body_source import BlockSource, Size
 from softfuse.mesh.shell import Shell
 from softfuse.mesh.tetmesh import TetMesh
 

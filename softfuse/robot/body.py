@@ -9,7 +9,7 @@ from softfuse.body.stiffness_field import TERMS
 from softfuse.io.quantity import Acceleration, Number, wrong_value
 from softfuse.io.settings import NotEmpty, Settings, Span, listed
 from softfuse.mesh.registry import MeshedSource
-from softfuse.robot.layout.layout_drawing import LayoutSource
+from softfuse.robot.layout.layout_source import LayoutSource
 from softfuse.robot.material import Material
 
 Source = Annotated[MeshedSource | LayoutSource, Field(discriminator="type")]

@@ -20,7 +20,7 @@ from softfuse.mesh.surface import cavities, outer_surface
 from softfuse.mesh.tetmesh import TetMesh, quadratic
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout import TiedLayout
-from softfuse.robot.layout.layout_drawing import drawn_mesh
+from softfuse.robot.layout.layout_source import drawn_mesh
 from softfuse.robot.layout.profile import FreeForm, RoundedBox, Superellipsoid
 
 HALF = (0.014, 0.012, 0.003)

@@ -9,7 +9,7 @@ from softfuse.errors import ConfigError
 from softfuse.experiment.paper.bed import build_bed
 from softfuse.experiment.paper.pushes import TABLE_III
 from softfuse.robot.file import load
-from softfuse.robot.layout.layout_drawing import LayoutSource
+from softfuse.robot.layout.layout_source import LayoutSource
 from softfuse.robot.settings import RobotSettings
 
 SHAPE = """

@@ -24,7 +24,7 @@ from softfuse.experiment.pose_cache import Arrays, kept, settings_digest
 from softfuse.experiment.timeline import Timing, frames
 from softfuse.experiment.virtual_robot import MakingErrors, VirtualRobot, virtual_robot
 from softfuse.functional.workspace import FlatWorkspace
-from softfuse.mesh.drawing import BlockSource
+from softfuse.mesh.body_source import BlockSource
 from softfuse.mesh.finger import FingerSource
 from softfuse.robot.digest import digest
 from softfuse.robot.settings import RobotSettings

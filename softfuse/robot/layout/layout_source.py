@@ -11,7 +11,7 @@ from softfuse.errors import MeshError
 from softfuse.io.quantity import wrong_value
 from softfuse.io.settings import NotEmpty, Vector
 from softfuse.mesh.block import NO_BOXES, Fineness
-from softfuse.mesh.drawing import BlockSource
+from softfuse.mesh.body_source import BlockSource
 from softfuse.mesh.shell import Shell
 from softfuse.mesh.tetmesh import TetMesh
 from softfuse.robot.chamber_shapes import AnyCavityShape

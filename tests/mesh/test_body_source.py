@@ -7,7 +7,7 @@ import pytest
 
 from softfuse.errors import MeshError
 from softfuse.mesh.block import block_mesh, centred_boxes
-from softfuse.mesh.drawing import BodySource
+from softfuse.mesh.body_source import BodySource
 from softfuse.mesh.file_source import MeshSource
 from softfuse.mesh.finger import FingerSource
 from softfuse.mesh.pad import PadSource
