@@ -30,7 +30,7 @@ from softfuse.experiment.timeline import Timing
 from softfuse.functional.chart import facing
 from softfuse.robot.file import load
 from softfuse.robot.robot import build_robot
-from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.flow import FlowSettings
 
 PLACES_MM = (
     (-17.0, -17.0),

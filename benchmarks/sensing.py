@@ -31,7 +31,7 @@ from softfuse.robot.file import load
 from softfuse.robot.robot import Robot, build_robot
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.crossed.peak_follow import follow_peak, no_peak
-from softfuse.sensors.crossed.peak_model import peak_signal
+from softfuse.sensors.crossed.peak_model import peak_layers, peak_shape
 from softfuse.sensors.crossed.sensor import CrossedElectrodes
 
 CONFIG = Path(__file__).parents[1] / "configs" / "pad.toml"
@@ -104,11 +104,9 @@ def delay(robot: Robot) -> dict[str, object]:
     most = SHARE * np.array([float(model.column_x_m[-1]), float(model.row_y_m[-1])])
     before, frames, e = 5, 60, model.row_y_m.shape[0] + model.column_x_m.shape[0]
     follow = jax.jit(lambda track, signal, valid: follow_peak(model, track, signal, valid))
-    signal_at = jax.jit(
-        lambda at: peak_signal(
-            model, at, jnp.array([2700.0, 4500.0]), jnp.array([40.0, 70.0]), model.radius_m, jnp.zeros(())
-        )
-    )
+    shape, layer, own = peak_shape(model), peak_layers(model), jnp.stack([model.radius_m, jnp.zeros(())])
+    amplitude, offset = jnp.array([2700.0, 4500.0]), jnp.array([40.0, 70.0])
+    signal_at = jax.jit(lambda at: layer @ amplitude * shape(jnp.append(at, own)) + layer @ offset)
     delays, wrong = [], 0
     for case in range(LIES):
         signals = np.asarray(signal_at(rng.uniform(-most, most)))

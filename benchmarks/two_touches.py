@@ -140,7 +140,7 @@ def grid_edits(config: RobotSettings, made: Robot, seed: int) -> Edits:
         KnownTouches(images_under(made, np.array(places), force, seed), np.array(places))
         for places, force in ((on + between, 0.0), (between, 5.0))
     )
-    found = fit_mutual_model(grid.grid().model, lying, pressed)
+    found = fit_mutual_model(grid.model(), lying, pressed)
     key = ("sensor", config.sensors.index(grid), "shape")
     return {
         (*key, "contact_counts"): float(found.contact_counts),

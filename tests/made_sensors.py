@@ -2,22 +2,24 @@
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
+from softfuse.functional.chart import FlatChart
 from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray
-from softfuse.sensors.crossed.peak_model import PeakModel
+from softfuse.sensors.crossed.peak_follow import follow_peak, no_peak
+from softfuse.sensors.crossed.peak_model import PeakFit, PeakModel, peak_layers, peak_shape
 from softfuse.sensors.crossed.settings import CrossedSettings, TouchSettings
 from softfuse.sensors.crossed.touch import TouchDetector
-from softfuse.sensors.electrodes.detector import ElectrodeDetector
-from softfuse.sensors.electrodes.sensor import ElectrodeSettings
-from softfuse.sensors.flow.filter import FlowSensor
-from softfuse.sensors.flow.sensor import FlowSettings
-from softfuse.sensors.mutual.grid import MutualGrid
+from softfuse.sensors.electrodes import ElectrodeSettings, SingleElectrodes
+from softfuse.sensors.flow import Flow, FlowSettings
 from softfuse.sensors.mutual.model import MutualModel
+from softfuse.sensors.mutual.sensor import MutualElectrodes
 from softfuse.sensors.mutual.settings import MutualSettings, MutualShapeSettings
-from softfuse.sensors.pressure.filter import PressureSensor
+from softfuse.sensors.parts import ChamberPart, ContactPart, Parts
 from softfuse.sensors.pressure.leak import LeakTest
-from softfuse.sensors.pressure.sensor import LeakSettings, PressureSettings, TareSettings
+from softfuse.sensors.pressure.sensor import GaugePressure
+from softfuse.sensors.pressure.settings import LeakSettings, PressureSettings, TareSettings
 from softfuse.sensors.tare import Tare
 
 
@@ -31,16 +33,31 @@ def mm(values: Any) -> list[str]:
     return [f"{1e3 * float(value)!r} mm" for value in values]
 
 
-def d6f_p0001a1(channels: int) -> FlowSensor:
+def chambered(chambers: Any, *, drive: int | None = None, atmosphere: float = 101325.0) -> Parts:
+    """A robot of nothing but chambers, vented or sealed with a number of their drive."""
+    nothing: Any = None
+    made = {name: ChamberPart(nothing, drive, sealed=drive is not None) for name in chambers}
+    return Parts(nothing, np.zeros((0, 3), int), made, atmosphere=atmosphere)
+
+
+def touched_at(contact: str, slots: int, chart: FlatChart | None = None) -> Parts:
+    """A robot of nothing but a contact with so many slots, on a face, or where sensors say."""
+    nothing: Any = None
+    part = ContactPart(chart, 5e-3, slots, np.full(2, -32e-3), np.full(2, 32e-3))
+    return Parts(nothing, np.zeros((0, 3), int), contacts={contact: part})
+
+
+def d6f_p0001a1(channels: int) -> Flow:
     """OMRON D6F-P0001A1."""
     keys = {"name": "flow", "part": "D6F-P0001A1", "channels": names(channels), "chambers": names(channels)}
-    return FlowSettings.model_validate(keys).filter()
+    return FlowSettings.model_validate(keys).sensor(chambered(names(channels)))
 
 
-def nxp(part: str, channels: int, **options: Any) -> PressureSensor:
+def nxp(part: str, channels: int, **options: Any) -> GaugePressure:
     """NXP pressure sensors under 101325 Pa."""
     keys = {"name": "pressure", "part": part, "channels": names(channels), "chambers": names(channels)}
-    return PressureSettings.model_validate(keys).model_copy(update=options).filter(101325.0)
+    sealed = chambered(names(channels), drive=0)
+    return PressureSettings.model_validate(keys).model_copy(update=options).sensor(sealed)
 
 
 def tare(**options: Any) -> Tare:
@@ -72,6 +89,22 @@ def peak_model(rows: Any, columns: Any, row_depth: float, column_depth: float, *
     return crossed(rows, columns, row_depth, column_depth, peak=options).peak_model(10e-3)
 
 
+def peak_signal(model: PeakModel, location: Any, amplitude: Any, offset: Any, radius: Any, gap: Any):
+    """Counts (e,) of a cylinder at (2,) m, with amplitudes and offsets (2,) of rows, columns."""
+    response, layer = peak_shape(model)(jnp.append(location, jnp.stack([radius, gap]))), peak_layers(model)
+    return layer @ amplitude * response + layer @ offset
+
+
+def fit_anew(model: PeakModel, signal: Any, valid: Any) -> PeakFit:
+    """What is found of a peak in the first frame in which it is seen."""
+    return follow_peak(model, no_peak(model), signal, valid)[1]
+
+
+def raw_of(sensor: GaugePressure, pressure: Any, reference: Any):
+    """Output Vs (gain P + offset) of a perfect part: pressure P (k,) Pa, reference Vs."""
+    return reference * (sensor.gain_1_Pa * pressure + sensor.offset)
+
+
 def capacitive_array(**options: Any) -> CapacitiveArray:
     """Electronics of eight rows and columns; options of their baseline, or settings of the lines."""
     own = {key: options.pop(key) for key in tuple(options) if key in BaselineSettings.model_fields}
@@ -85,16 +118,16 @@ def touch_detector() -> TouchDetector:
     return TouchSettings().detector(8.0)
 
 
-def electrode_detector(count: int, *, creep_time: float = 60.0, **options: Any) -> ElectrodeDetector:
-    """Single electrodes."""
+def single_electrodes(count: int, *, creep_time: float = 60.0, **options: Any) -> SingleElectrodes:
+    """Of which three are followed at once."""
     place = {"name": "one", "centre": mm([0, 0, 0]), "direction": [0, 0, 1]}
     keys = {"name": "skin", "contact": "contact", "channels": names(count), "electrodes": [place] * count}
     baseline = BaselineSettings().model_copy(update={"creep_time": creep_time})
     update = options | {"baseline": baseline}
-    return ElectrodeSettings.model_validate(keys).model_copy(update=update).detector()
+    return ElectrodeSettings.model_validate(keys).model_copy(update=update).sensor(touched_at("contact", 3))
 
 
-def mutual_grid(column_x: Any, row_y: Any, **shape: Any) -> MutualGrid:
+def mutual_grid(column_x: Any, row_y: Any, **shape: Any) -> MutualElectrodes:
     """A grid of 4 × 4 cells; options of what a finger leaves on it."""
     keys = {
         "name": "grid",
@@ -104,7 +137,8 @@ def mutual_grid(column_x: Any, row_y: Any, **shape: Any) -> MutualGrid:
         "column_x": mm(column_x),
     }
     update = {"shape": MutualShapeSettings().model_copy(update=shape)}
-    return MutualSettings.model_validate(keys).model_copy(update=update).grid()
+    pressed = touched_at("contact", 1, FlatChart.along(np.array([0.0, 0.0, -1.0])))
+    return MutualSettings.model_validate(keys).model_copy(update=update).sensor(pressed)
 
 
 def mutual_model(column_x: Any, row_y: Any, **shape: Any) -> MutualModel:

@@ -11,12 +11,11 @@ from softfuse.estimation.smoothing.process import DEFAULT_PROCESS, Process
 from softfuse.estimation.smoothing.smoother import Smoothed, Smoother
 from softfuse.estimation.tracked import Evidence, Tracked
 from softfuse.functional.chart import facing
-from softfuse.sensors.flow.filter import flow_drift
-from softfuse.sensors.reading_drift import ReadingDrift
 from softfuse.sensors.status import Status
+from softfuse.sensors.zero_drift import ReadingDrift
 
 SENSOR = d6f_p0001a1(4)
-DRIFT = flow_drift(SENSOR)
+DRIFT = SENSOR.drift
 EFFECT = np.asarray(DRIFT.effect)
 W = 1e-9 * np.array([[-25.0], [4.0], [-2.0], [6.0]])
 """m³/N."""

@@ -6,7 +6,7 @@ from typing import Any, Self
 import numpy as np
 from jaxtyping import Bool, Float
 
-from softfuse.sensors.reading_drift import ReadingDrift
+from softfuse.sensors.zero_drift import ReadingDrift
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from softfuse.errors import ConfigError
 from softfuse.functional.chart import moved
 from softfuse.functional.workspace import FlatWorkspace
 from softfuse.robot.robot import Robot
-from softfuse.sensors.electrodes.sensor import SingleElectrodes
+from softfuse.sensors.electrodes import SingleElectrodes
 
 Place = tuple[tuple[float, float, float], ...]
 """Point [m] and tangents of a place, see `functional.chart`."""

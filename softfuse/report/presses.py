@@ -23,7 +23,7 @@ from softfuse.report.truth import Truth
 from softfuse.robot.robot import Robot
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.cable_length import CableLengthSettings
-from softfuse.sensors.pressure.sensor import PressureSettings
+from softfuse.sensors.pressure.settings import PressureSettings
 from softfuse.sensors.suite import Observation, SensorSuite
 
 

@@ -32,7 +32,7 @@ from softfuse.robot.laws import materials_of
 from softfuse.robot.mesh import RobotMesh, build_mesh
 from softfuse.robot.points import surface_tolerance
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.electrodes.sensor import ElectrodeSettings
+from softfuse.sensors.electrodes import ElectrodeSettings
 from softfuse.sensors.parts import CablePart, ChamberPart, ContactPart, Parts
 from softfuse.sensors.suite import SensorSuite
 

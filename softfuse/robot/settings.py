@@ -22,7 +22,7 @@ from softfuse.robot.reduction import ReductionSettings
 from softfuse.robot.source import AnySource, check_sources
 from softfuse.robot.tolerances import CalibrationSettings
 from softfuse.sensors.base import SensorSettings
-from softfuse.sensors.electrodes.sensor import ElectrodeSettings
+from softfuse.sensors.electrodes import ElectrodeSettings
 from softfuse.sensors.registry import SENSORS
 
 

@@ -18,11 +18,12 @@ from jaxtyping import Array, Bool, Float
 from pydantic import AfterValidator
 
 from softfuse.errors import ConfigError
+from softfuse.functional.chart import FlatChart
 from softfuse.io.quantity import wrong_value
 from softfuse.io.settings import NotEmpty, Settings
 from softfuse.sensors.electronics import ChannelElectronics, read_channels
 from softfuse.sensors.frame_time import FrameTime
-from softfuse.sensors.reading_drift import DriftModel, ReadingDrift
+from softfuse.sensors.zero_drift import DriftModel, ReadingDrift
 
 if TYPE_CHECKING:
     from softfuse.mechanics.reading import AbstractReading
@@ -140,14 +141,11 @@ class Evidence(NamedTuple):
 class AbstractSensor(eqx.Module):
     """Some channels and the readings that they measure; everything but names is a leaf."""
 
-    name: eqx.AbstractVar[str]
-    channels: eqx.AbstractVar[tuple[str, ...]]
-    readings: eqx.AbstractVar[tuple[str, ...]]
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """The SI unit of each reading, such as "m", "m^3", "Pa", "N" or "rad"; "" of a plain number."""
-        return ("",) * len(self.readings)
+    name: str = eqx.field(static=True)
+    channels: tuple[str, ...] = eqx.field(static=True)
+    readings: tuple[str, ...] = eqx.field(static=True)
+    units: tuple[str, ...] = eqx.field(static=True)
+    """The SI unit of each reading, such as "m", "m^3", "Pa", "N" or "rad"; "" of a plain number."""
 
     @property
     def chambers(self) -> tuple[str, ...]:
@@ -183,10 +181,10 @@ class AbstractSensor(eqx.Module):
 class AbstractContactSensor(eqx.Module):
     """Some channels that see the contacts of one [[contact]], in `slots`."""
 
-    name: eqx.AbstractVar[str]
-    channels: eqx.AbstractVar[tuple[str, ...]]
-    contact: eqx.AbstractVar[str]
-    slots: eqx.AbstractVar[int]
+    name: str = eqx.field(static=True)
+    channels: tuple[str, ...] = eqx.field(static=True)
+    contact: str = eqx.field(static=True)
+    slots: int = eqx.field(static=True)
 
     @property
     @abstractmethod
@@ -304,6 +302,11 @@ class SensorSettings(Settings):
         ideal = self.ideal(parts, time_s, values)
         return read_channels(self.electronics(parts, drawn), noise, time_s, ideal)
 
+    def _count(self, count: int, what: str) -> None:
+        """Raise the error of a validator unless there are so many channels."""
+        if len(self.channels) != count:
+            raise wrong_value(f"{len(self.channels)} for {what}", key="channels")
+
     def _one_each(self, key: str, values: Sequence[object], count: int) -> None:
         """Raise the error of a validator unless there is one value, or one for each of so many."""
         if len(values) not in (1, count):
@@ -313,3 +316,25 @@ class SensorSettings(Settings):
 
     def _wrong(self, message: str) -> ConfigError:
         return ConfigError(f'sensor "{self.name}": {message}')
+
+
+class ContactSettings(SensorSettings):
+    """A [[sensor]] that sees the contacts of a [[contact]], with its name."""
+
+    contact: str
+
+    @property
+    def quantities(self):
+        """None."""
+        return ()
+
+    def functional(self, parts):
+        """None."""
+        return None
+
+    def _chart(self, parts: "Parts") -> FlatChart:
+        """The coordinates of the flat face on which it presses; ConfigError where it presses on none."""
+        chart = parts.contact_of(self.name, self.contact).chart
+        if not isinstance(chart, FlatChart):
+            raise self._wrong(f'contact "{self.contact}" presses on no flat face, as it needs')
+        return chart

@@ -13,14 +13,13 @@ from softfuse.io.quantity import FORCE, MOMENT, PositiveForce, PositiveMoment, w
 from softfuse.io.settings import Vector
 from softfuse.mechanics.reaction import Reaction
 from softfuse.mechanics.reading import ReactionReading
-from softfuse.sensors.direct import DirectSettings, Scale
-from softfuse.sensors.electronics import equal_channels
+from softfuse.sensors.direct import Scaled, ScaledSettings
 from softfuse.sensors.orientation import Row
 
 _NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
-class BaseWrenchSettings(DirectSettings):
+class BaseWrenchSettings(ScaledSettings):
     """Six axes at `origin` (3,) m: channels of the forces from the support on the robot, in force_unit, then
     of the moments, in moment_unit.
 
@@ -44,8 +43,7 @@ class BaseWrenchSettings(DirectSettings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if len(self.channels) != len(_NAMES):
-            raise wrong_value(f"{len(self.channels)} for three forces and three moments", key="channels")
+        self._count(len(_NAMES), "three forces and three moments")
         turn = self._rotation
         if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
             raise wrong_value("give three unit vectors at right angles, right-handed", key="axes")
@@ -56,41 +54,20 @@ class BaseWrenchSettings(DirectSettings):
         return np.array(self.axes).T
 
     @property
-    def _units(self) -> np.ndarray:
-        """SI units in one of each channel (6,)."""
-        return np.repeat([self.force_unit, self.moment_unit], 3)
+    def _errors(self):
+        forces = self.noise, self.offset_sigma, self.drift
+        moments = self.moment_noise, self.moment_offset_sigma, self.moment_drift
+        noise, offset, drift = np.repeat([forces, moments], 3, axis=0).T
+        return noise, offset, drift
 
-    def sensor(self, parts):
+    def _scaled(self, parts):
         """Raises ConfigError for a cable that there is not."""
         parts.cables_of(self.name, self.carried)
-        return self._direct(
-            _NAMES,
-            Scale(jnp.asarray(self._units)),
-            0.0,
-            units=("N",) * 3 + ("N m",) * 3,
-            noise=np.repeat([self.noise, self.moment_noise], 3),
-            offset_sigma=np.repeat([self.offset_sigma, self.moment_offset_sigma], 3),
-            drift=np.repeat([self.drift, self.moment_drift], 3),
-        )
+        units = np.repeat([self.force_unit, self.moment_unit], 3)
+        return Scaled(_NAMES, ("N",) * 3 + ("N m",) * 3, units)
 
     def functional(self, parts):
         """The reaction, minus that to the weight at rest."""
         carried = tuple(cable.load for cable in parts.cables_of(self.name, self.carried))
         reaction = Reaction(jnp.array(self.origin), jnp.asarray(self._rotation))
         return ReactionReading(reaction, carried)
-
-    def ideal(self, parts, time_s, values):
-        """Of forces and moments (m, 6) N, N m."""
-        del parts, time_s
-        return np.asarray(values) / self._units
-
-    def electronics(self, parts, rng):
-        """Axes that differ in zero and gain."""
-        del parts
-        sigma = np.repeat([self.offset_sigma, self.moment_offset_sigma], 3)
-        return equal_channels(
-            len(_NAMES),
-            gain=self._gains(rng, len(_NAMES)),
-            zero=rng.normal(0.0, sigma) / self._units,
-            noise=np.repeat([self.noise, self.moment_noise], 3) / self._units,
-        )

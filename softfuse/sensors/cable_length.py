@@ -6,7 +6,6 @@ its `slack` drives the body.
 
 from typing import Annotated, Literal, Self
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -25,9 +24,6 @@ _STEP = 1e-6
 class CableLength(AbstractSensor):
     """Lengths of b cables, in `unit` [m]; `zero_m` (b,): read where they get taut."""
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    readings: tuple[str, ...] = eqx.field(static=True)
     unit_m: Float[Array, ""]
     zero_m: Float[Array, " b"]
     noise_m: Float[Array, ""]
@@ -36,11 +32,6 @@ class CableLength(AbstractSensor):
 
     def _shortening(self, raw: Float[Array, " b"]) -> Float[Array, " b"]:
         return raw * self.unit_m - self.zero_m
-
-    @property
-    def units(self):
-        """Lengths."""
-        return ("m",) * len(self.readings)
 
     def init(self):
         """Nothing has been read: mean lengths (b,) [m]."""
@@ -97,6 +88,7 @@ class CableLengthSettings(SensorSettings):
             self.name,
             self.channels,
             tuple(f"{self.name} {cable}" for cable in self.cables),
+            ("m",) * len(self.cables),
             jnp.asarray(self.unit, float),
             jnp.broadcast_to(jnp.array(self.zero, float), (len(self.channels),)),
             jnp.asarray(self.noise, float),

@@ -2,18 +2,15 @@
 
 from typing import Annotated, Literal, Self
 
-import jax.numpy as jnp
-import numpy as np
 from pydantic import BeforeValidator, model_validator
 
 from softfuse.io.quantity import FORCE, PositiveForce
 from softfuse.mechanics.reading import DriveReading
 from softfuse.sensors.base import Names
-from softfuse.sensors.direct import DirectSettings, Scale
-from softfuse.sensors.electronics import equal_channels
+from softfuse.sensors.direct import Scaled, ScaledSettings
 
 
-class CableTensionSettings(DirectSettings):
+class CableTensionSettings(ScaledSettings):
     """Load cells on cables, one channel for each, `unit` of force for each one of it.
 
     noise, offset_sigma: of a reading and of its zero in N; slack in N: a cable that pulls by less leaves the
@@ -33,36 +30,15 @@ class CableTensionSettings(DirectSettings):
         self._one_each("channels", self.channels, len(self.cables))
         return self
 
-    def sensor(self, parts):
+    @property
+    def _errors(self):
+        return self.noise, self.offset_sigma, 0.0
+
+    def _scaled(self, parts):
         """Raises ConfigError for a cable that there is not."""
         parts.cables_of(self.name, self.cables)
-        return self._direct(
-            self.cables,
-            Scale(jnp.asarray(self.unit, float)),
-            0.0,
-            units=("N",),
-            noise=self.noise,
-            offset_sigma=self.offset_sigma,
-            drift=0.0,
-            driven_above=self.slack,
-        )
+        return Scaled(self.cables, ("N",), self.unit, driven_above=self.slack)
 
     def functional(self, parts):
         """The tensions."""
         return DriveReading(tuple(cable.drive for cable in parts.cables_of(self.name, self.cables)))
-
-    def ideal(self, parts, time_s, values):
-        """Of tensions (m, b) N."""
-        del parts, time_s
-        return np.asarray(values) / self.unit
-
-    def electronics(self, parts, rng):
-        """Cells that differ in zero and gain."""
-        del parts
-        count = len(self.channels)
-        return equal_channels(
-            count,
-            gain=self._gains(rng, count),
-            zero=rng.normal(0.0, self.offset_sigma, count) / self.unit,
-            noise=self.noise / self.unit,
-        )

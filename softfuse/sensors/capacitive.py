@@ -4,7 +4,7 @@
     x = sum(x_k s_col,k) / sum(s_col,k), y alike,
 
 as in the paper (Navarro et al., RA-L 5(4), 2020), but for the gains of the electrodes. Signals are positive
-when something grounded comes near. The weighted mean pulls contacts at the border inwards; `peak_fit` does
+when something grounded comes near. The weighted mean pulls contacts at the border inwards; `peak_follow` does
 not. The noise of a signal is that of the counts over the gain; all are taken to have that of a gain of one,
 because gains are off by some per cent, and where that matters, under a contact, the model's misfit is larger
 than noise.
@@ -29,7 +29,9 @@ from pydantic import model_validator
 
 from softfuse.io.quantity import Integer, Number, PositiveNumber, PositiveTime, wrong_value
 from softfuse.io.settings import Positions, Settings
-from softfuse.sensors.base import SensorSettings
+from softfuse.sensors.base import ContactSettings
+from softfuse.sensors.electronics import ChannelElectronics, equal_channels
+from softfuse.sensors.parameters import parameters
 
 
 class CapacitiveArray(eqx.Module):
@@ -54,7 +56,7 @@ class CapacitiveArray(eqx.Module):
     gain: Float[Array, "*e"]
     """Counts of each electrode, or of all, for what a nominal one says with one [-]."""
     untouched_counts: Float[Array, "*e"]
-    """What each electrode is known to read untouched, ∞ where nothing is known: see `touched_start`."""
+    """What each electrode is known to read untouched, ∞ where nothing is known: see `crossed.touch`."""
 
 
 class ArrayState(eqx.Module):
@@ -75,16 +77,21 @@ class ArrayReading(eqx.Module):
     """(e,) the channel is present, in range, alive and has a baseline."""
 
 
-class BaselineSettings(Settings):
-    """How the counts without touch are followed: time constants in s, a limit in standard deviations."""
+class BaselineTimes(Settings):
+    """How the counts without touch are followed: time constants in s, nothing near, and something near."""
 
     time: PositiveTime = 2.0
     creep_time: PositiveTime = 60.0
+
+
+class BaselineSettings(BaselineTimes):
+    """And how it recovers from what cannot be: a time constant in s, a limit in standard deviations."""
+
     recovery_time: PositiveTime = 0.2
     negative_sigma: PositiveNumber = 10.0
 
 
-class CountsSettings(SensorSettings):
+class CountsSettings(ContactSettings):
     """Capacitive channels: noise in counts; a reading outside lowest_counts .. highest_counts, or the same in
     stuck_frames frames, belongs to a broken one. With 8 counts of noise two readings are equal once in 28
     frames, so 25 equal ones in a row are no chance.
@@ -101,34 +108,16 @@ class CountsSettings(SensorSettings):
             raise wrong_value(f"must be below highest_counts = {self.highest_counts:g}", key="lowest_counts")
         return self
 
-    @property
-    def quantities(self):
-        """None: it sees contacts."""
-        return ()
+    def _array(self, baseline: BaselineTimes, **own: Float[ArrayLike, "*e"]) -> CapacitiveArray:
+        """The electronics; own: fields of CapacitiveArray that are not the usual ones."""
+        usual = {"gain": 1.0, "untouched_counts": np.inf}
+        return parameters(CapacitiveArray, self, baseline, baseline_time_s=baseline.time, **usual | own)
 
-    def _array(
-        self,
-        time_s: float,
-        creep_time_s: float,
-        *,
-        recovery_time_s: float = np.inf,
-        negative_sigma: float = np.inf,
-        gain: Float[ArrayLike, "*e"] = 1.0,
-        untouched_counts: Float[ArrayLike, "*e"] = jnp.inf,
-    ) -> CapacitiveArray:
-        """The electronics; the options are the fields of CapacitiveArray."""
-        return CapacitiveArray(
-            noise_counts=jnp.asarray(self.noise_counts, float),
-            lowest_counts=jnp.asarray(self.lowest_counts, float),
-            highest_counts=jnp.asarray(self.highest_counts, float),
-            stuck_frames=jnp.asarray(self.stuck_frames, int),
-            baseline_time_s=jnp.asarray(time_s, float),
-            creep_time_s=jnp.asarray(creep_time_s, float),
-            recovery_time_s=jnp.asarray(recovery_time_s, float),
-            negative_sigma=jnp.asarray(negative_sigma, float),
-            gain=jnp.asarray(gain, float),
-            untouched_counts=jnp.asarray(untouched_counts, float),
-        )
+    def _electronics(self, nothing: float, **own: float | Float[np.ndarray, " k"]) -> ChannelElectronics:
+        """Virtual channels that read `nothing` untouched; own: what else they have of `equal_channels`."""
+        ends = {"low": self.lowest_counts, "high": self.highest_counts}
+        count = len(self.channels)
+        return equal_channels(count, nothing=nothing, noise=self.noise_counts, step=1.0, **ends, **own)
 
 
 class LineSettings(CountsSettings):
@@ -136,7 +125,6 @@ class LineSettings(CountsSettings):
     their centre lines in the chart of the contact, in m.
     """
 
-    contact: str
     row_y: Positions
     column_x: Positions
 

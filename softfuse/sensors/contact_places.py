@@ -1,10 +1,90 @@
-"""Places of contacts that sensors see in coordinates of a chart, and one of several that see the same."""
+"""Contacts that sensors see: in which slots they are followed, and where they are.
 
+An electrode, or whatever else is touched, keeps its slot for as long as it is touched: a force that is
+carried from frame to frame belongs to the contact in its slot. Free slots are given to the strongest touched
+ones without one.
+"""
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jax.scipy.special import ndtr
+from jaxtyping import Array, Bool, Float, Int
 
+from softfuse.errors import ConfigError
 from softfuse.functional.chart import AbstractChart, moved
+
+_FAR = 3.0
+"""Standard deviations outside beyond which a place is outside after all."""
+
+_WIDE = 10.0
+"""Widths of the box beyond which a larger standard deviation says nothing more."""
+
+
+class SlotsUsed(eqx.Module):
+    """Electrodes in their slots."""
+
+    electrode: Int[Array, " s"]
+    """(s,) index of the electrode; that of the last one while the slot is not used."""
+    used: Bool[Array, " s"]
+    """(s,) an electrode is in the slot."""
+
+
+def slots_init(slots: int, electrodes: int) -> SlotsUsed:
+    """All slots free.
+
+    Raises ConfigError unless 1 <= slots <= electrodes.
+    """
+    if not 1 <= slots <= electrodes:
+        raise ConfigError(
+            f"{slots} contacts at once on {electrodes} electrodes: give a number from 1 to {electrodes}"
+        )
+    return SlotsUsed(electrode=jnp.zeros(slots, int), used=jnp.zeros(slots, bool))
+
+
+def assign_slots(slots: SlotsUsed, signal: Float[Array, " n"], touched: Bool[Array, " n"]) -> SlotsUsed:
+    """Slots after one frame.
+
+    Args: signal (n,), the larger the stronger the touch, in any unit; touched (n,) electrodes to be followed.
+    Returns: the slots; electrodes beyond their number wait until one is free.
+    """
+    kept = slots.used & touched[slots.electrode]
+    waiting = touched.at[slots.electrode].min(~kept)
+    order = jnp.argsort(jnp.where(waiting, signal, -jnp.inf), descending=True)
+    # The j-th free slot takes the j-th strongest of those who wait, if there are that many.
+    turn = jnp.cumsum(~kept) - 1
+    taken = ~kept & (turn < jnp.sum(waiting))
+    return SlotsUsed(
+        electrode=jnp.where(taken, order[turn], slots.electrode),
+        used=kept | taken,
+    )
+
+
+class ContactSlots(eqx.Module):
+    """The slots of one [[contact]]: numbers of those that see it among the contact sensors; its coordinates,
+    None where sensors name the places; and the lowest and highest coordinates (2,) [m].
+    """
+
+    name: str = eqx.field(static=True)
+    slots: int = eqx.field(static=True)
+    seen_by: tuple[int, ...] = eqx.field(static=True)
+    chart: AbstractChart | None
+    low_m: Float[Array, "2"]
+    high_m: Float[Array, "2"]
+
+    def waiting(self) -> Float[Array, "c 3 3"]:
+        """Places of contacts that nobody sees: in the middle, apart from each other; anywhere without
+        coordinates.
+        """
+        share = (jnp.arange(self.slots) + 0.5)[:, None] / self.slots
+        low, high = (jnp.where(jnp.isfinite(end), end, 0.0) for end in (self.low_m, self.high_m))
+        return self.at(low + share * (high - low))
+
+    def at(self, coordinates: Float[Array, "c 2"]) -> Float[Array, "c 3 3"]:
+        """Places at coordinates (c, 2) [m]."""
+        if self.chart is None:
+            return jnp.broadcast_to(jnp.eye(3).at[0].set(0.0), (len(coordinates), 3, 3))
+        return chart_places(self.chart, coordinates, jnp.zeros_like(coordinates))[0]
 
 
 def chart_place(
@@ -48,3 +128,38 @@ def joined_places(
     mean = jnp.einsum("ckl,cl->ck", joined, pull)
     place = jnp.where(known[:, None, None], moved(base, mean), places[0])
     return place, jnp.where(known[:, None, None], joined, own)
+
+
+def within(
+    place_m: Float[Array, "n 2"], sigma_m: Float[Array, "n 2"], box_m: Float[Array, "2 2"]
+) -> tuple[Bool[Array, " n"], Float[Array, "n 2"], Float[Array, "n 2"]]:
+    """Places of which it is known that they lie within a box.
+
+    Along each axis a place is N(μ, σ²) by what was seen, and between a and b. With α = (a − μ)/σ,
+    β = (b − μ)/σ, φ and Φ of the standard normal distribution and Z = Φ(β) − Φ(α), what both say together has
+    (N. L. Johnson, S. Kotz, N. Balakrishnan, Continuous Univariate Distributions 1, 2nd ed., Wiley, 1994,
+    Sec. 13.10.1)
+
+        mean = μ + σ (φ(α) − φ(β)) / Z,
+        variance = σ² [1 + (α φ(α) − β φ(β)) / Z − ((φ(α) − φ(β)) / Z)²].
+
+    Args: place_m (n, 2), as seen; sigma_m (n, 2), standard deviations; box_m (2, 2), lowest and highest x, y
+    [all m].
+    Returns: (n,) whether a place is known to any degree and may lie there; mean (n, 2) and standard
+    deviations (n, 2) [m], NaN where not.
+    """
+    known = sigma_m > 0
+    # As wide as many boxes is anywhere in one.
+    sigma = jnp.clip(jnp.where(known, sigma_m, 1.0), None, _WIDE * (box_m[1] - box_m[0]))
+    low, high = (box_m - place_m[:, None]).transpose(1, 0, 2) / sigma
+    may = jnp.all(known & (low < _FAR) & (high > -_FAR), axis=1)
+    # Beyond eight standard deviations a bound says nothing: its density would only underflow.
+    low, high = (
+        jnp.where(may[:, None], jnp.clip(bound, -8.0, 8.0), end) for bound, end in ((low, -8.0), (high, 8.0))
+    )
+    total = ndtr(high) - ndtr(low)
+    at_low, at_high = (jnp.exp(-0.5 * bound**2) / jnp.sqrt(2 * jnp.pi) for bound in (low, high))
+    shift = (at_low - at_high) / total
+    spread = jnp.sqrt(1.0 + (low * at_low - high * at_high) / total - shift**2)
+    mean, deviation = place_m + sigma * shift, sigma * spread
+    return may, jnp.where(may[:, None], mean, jnp.nan), jnp.where(may[:, None], deviation, jnp.nan)

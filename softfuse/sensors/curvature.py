@@ -31,13 +31,12 @@ from softfuse.io.quantity import (
 from softfuse.io.settings import Direction, NotEmpty, Vector, listed
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.sensors.base import Names
-from softfuse.sensors.direct import AbstractConvert, DirectSettings
+from softfuse.sensors.direct import DRIFT_TIME_S, AbstractConvert, DirectSettings
 from softfuse.sensors.electronics import equal_channels
+from softfuse.sensors.parameters import parameters
 from softfuse.sensors.parts import Parts
 
 _CELSIUS = 273.15
-_DRIFT_TIME_S = 600.0
-"""How long virtual wavelengths drift one way."""
 
 
 class StationBending(MaterialFunctional):
@@ -162,19 +161,17 @@ class BraggSettings(DirectSettings):
         names = ("strain", "bending 1", "bending 2")[kept]
         return self._direct(
             tuple(f"{name} at {k}" for k in range(len(self.stations)) for name in names),
-            Bending(
-                jnp.asarray(self._at_rest),
-                jnp.asarray(solving),
-                jnp.asarray(1 - self.photoelastic),
-                jnp.asarray(self.thermal),
-                jnp.asarray(self.temperature),
-                self.axial,
+            parameters(
+                Bending,
+                self,
+                at_rest=jnp.asarray(self._at_rest),
+                solving=jnp.asarray(solving),
+                strain_optic=1 - self.photoelastic,
+                axial=self.axial,
             ),
             0.0,
             units=("", "1/m", "1/m")[kept] * len(self.stations),
-            noise=self.noise * size,
-            offset_sigma=self.offset_sigma * size,
-            drift=self.drift * size,
+            size=size,
         )
 
     def functional(self, parts):
@@ -208,7 +205,7 @@ class BraggSettings(DirectSettings):
             nothing=size,
             gain=np.where(size > 0, self._gains(rng, len(size)), 1.0),
             zero=rng.normal(0.0, self.offset_sigma, len(size)) * size,
-            slow_sigma=self.drift * _DRIFT_TIME_S * size,
-            slow_time=_DRIFT_TIME_S,
+            slow_sigma=self.drift * DRIFT_TIME_S * size,
+            slow_time=DRIFT_TIME_S,
             noise=self.noise * size,
         )

@@ -10,7 +10,7 @@ where it was.
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -19,10 +19,18 @@ from jaxtyping import Array, Bool, Float
 
 from softfuse.io.quantity import Duration, PositiveNumber, PositiveTime
 from softfuse.sensors.base import AbstractSensor, Measurement, SensorSettings
+from softfuse.sensors.electronics import ChannelElectronics, equal_channels
+from softfuse.sensors.parameters import parameters
 from softfuse.sensors.tare import Tare, TareState, tare_init, tare_known, tare_update, tare_variance
+
+if TYPE_CHECKING:
+    from softfuse.sensors.parts import Parts
 
 _GAIN_SIGMA = 0.5
 """Of virtual parts, in parts of what their settings allow."""
+
+DRIFT_TIME_S = 600.0
+"""How long a virtual zero drifts one way."""
 
 
 class AbstractConvert(eqx.Module):
@@ -66,10 +74,6 @@ class Direct(AbstractSensor):
     that only a driven actuator makes, ∞ where none does.
     """
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    readings: tuple[str, ...] = eqx.field(static=True)
-    si_units: tuple[str, ...] = eqx.field(static=True)
     tared: bool = eqx.field(static=True)
     convert: AbstractConvert
     rest: Float[Array, " k"]
@@ -79,11 +83,6 @@ class Direct(AbstractSensor):
     average_s: Float[Array, ""]
     tare: Tare
     driven_above: Float[Array, " k"]
-
-    @property
-    def units(self):
-        """As told."""
-        return self.si_units
 
     def init(self):
         """At rest."""
@@ -139,6 +138,18 @@ class DirectSettings(SensorSettings):
     gain_sigma: PositiveNumber = 0.01
     average: Duration = 0.1
 
+    if TYPE_CHECKING:  # fields of each kind, with its own units and defaults
+        noise: float
+        offset_sigma: float
+        drift: float
+
+    @property
+    def _errors(self) -> tuple[Any, Any, Any]:
+        """Standard deviations (k,), or one for all, of a value, of its zero, and of the zero's drift per
+        second.
+        """
+        return self.noise, self.offset_sigma, self.drift
+
     def _direct(
         self,
         readings: tuple[str, ...],
@@ -146,43 +157,98 @@ class DirectSettings(SensorSettings):
         rest: Any,
         *,
         units: Sequence[str],
-        noise: Any,
-        offset_sigma: Any,
-        drift: Any,
+        size: Any = 1.0,
         driven_above: Any = np.inf,
     ) -> Direct:
-        """The filter of values that are `rest` (k,) at rest, in SI units (k,) or one for all; drift: of zeros
-        per second.
+        """The filter of values that are `rest` (k,) at rest, in SI units (k,) or one for all; size (k,): that
+        in which errors are told [SI].
         """
-        k = (len(readings),)
+        k = len(readings)
 
         def each(value) -> Array:
-            return jnp.broadcast_to(jnp.asarray(value, float), k)
+            return jnp.broadcast_to(jnp.asarray(value, float), (k,))
 
-        tare = Tare(
-            offset_sigma_Pa=each(offset_sigma),
-            drift_Pa_s=each(drift),
-            settle_s=jnp.asarray(self.settle, float),
-            follow_s=jnp.asarray(self.follow, float),
-            gate_sigma=jnp.asarray(self.gate_sigma, float),
-            relearn_s=jnp.asarray(self.relearn, float),
+        noise, offset_sigma, drift = (each(error * size) for error in self._errors)
+        return parameters(
+            Direct,
+            self,
+            channels=self.columns,
+            readings=tuple(f"{self.name} {which}" if which else self.name for which in readings),
+            units=tuple(units) * (1 if len(units) == k else k),
+            convert=convert,
+            rest=each(rest),
+            noise=noise,
+            offset_sigma=offset_sigma,
+            tare=parameters(Tare, self, offset_sigma_Pa=offset_sigma, drift_Pa_s=drift),
+            driven_above=each(driven_above),
         )
-        return Direct(
-            self.name,
-            self.columns,
-            tuple(f"{self.name} {which}" if which else self.name for which in readings),
-            tuple(units) * (1 if len(units) == k[0] else k[0]),
-            self.tared,
-            convert,
-            each(rest),
-            each(noise),
-            each(offset_sigma),
-            jnp.asarray(self.gain_sigma, float),
-            jnp.asarray(self.average, float),
-            tare,
-            each(driven_above),
+
+    def _virtual(
+        self, rng: np.random.Generator, per: Any, drift: Any, *, nothing: Any = 0.0
+    ) -> ChannelElectronics:
+        """Parts that differ in gain, about `nothing` (n,), and in zero, which drifts per second; `per` (n,):
+        raw readings in one of what errors are told in.
+        """
+        (noise, offset_sigma, _), count = self._errors, len(self.channels)
+        return equal_channels(
+            count,
+            nothing=nothing,
+            gain=self._gains(rng, count),
+            zero=rng.normal(0.0, offset_sigma, count) * per,
+            slow_sigma=drift * DRIFT_TIME_S * per,
+            slow_time=DRIFT_TIME_S,
+            noise=noise * per,
         )
 
     def _gains(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, " k"]:
         """Gains of so many virtual parts."""
         return 1.0 + rng.normal(0.0, _GAIN_SIGMA * self.gain_sigma, count)
+
+
+class Scaled(NamedTuple):
+    """Values that are raw readings times `factor` (k,), or one for all.
+
+    names, units, rest, size, driven_above: see `DirectSettings._direct`. Of virtual parts: values (k,)
+    `about` which gains are off, and the `drift` of zeros per second, in `size`.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    factor: Any
+    rest: Any = 0.0
+    size: Any = 1.0
+    driven_above: Any = np.inf
+    about: Any = 0.0
+    drift: float = 0.0
+
+
+class ScaledSettings(DirectSettings):
+    """Sensors whose values are raw readings times a factor."""
+
+    @abstractmethod
+    def _scaled(self, parts: "Parts") -> Scaled:
+        """What they tell; raises what `sensor` does."""
+
+    def sensor(self, parts):
+        """Raises ConfigError, or MeshError, for what there is not, or where the body is not."""
+        told = self._scaled(parts)
+        return self._direct(
+            told.names,
+            Scale(jnp.asarray(told.factor, float)),
+            told.rest,
+            units=told.units,
+            size=told.size,
+            driven_above=told.driven_above,
+        )
+
+    def ideal(self, parts, time_s, values):
+        """Of changes (m, k) of the values."""
+        del time_s
+        told = self._scaled(parts)
+        return (told.rest + np.asarray(values)) / told.factor
+
+    def electronics(self, parts, rng):
+        """Parts that are off at rest and in gain."""
+        told = self._scaled(parts)
+        per = told.size / np.abs(told.factor)
+        return self._virtual(rng, per, told.drift, nothing=told.about / told.factor)

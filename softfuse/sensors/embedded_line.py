@@ -17,12 +17,8 @@ from softfuse.functional.embedded_line import EmbeddedLine
 from softfuse.io.quantity import Integer, LengthUnit, PositiveNumber, PositiveResistance
 from softfuse.io.settings import NotEmpty, Vector, listed
 from softfuse.mechanics.reading import ShapeReading
-from softfuse.sensors.direct import AbstractConvert, Direct, DirectSettings, Scale
-from softfuse.sensors.electronics import equal_channels
+from softfuse.sensors.direct import AbstractConvert, Direct, DirectSettings, Scaled, ScaledSettings
 from softfuse.sensors.parts import Parts
-
-_DRIFT_TIME_S = 600.0
-"""How long virtual lengths drift one way."""
 
 
 class LengthOfResistance(AbstractConvert):
@@ -65,16 +61,11 @@ class LineSettings(DirectSettings):
     def filter(self, parts: Parts, convert: AbstractConvert) -> Direct:
         """The filter of lengths [m] of the segments, which `convert` tells."""
         length = self.lengths(parts)
-        segments = ("",) if len(length) == 1 else tuple(str(k) for k in range(len(length)))
-        return self._direct(
-            segments,
-            convert,
-            length,
-            units=("m",),
-            noise=self.noise * length,
-            offset_sigma=self.offset_sigma * length,
-            drift=self.drift * length,
-        )
+        return self._direct(self.segments(len(length)), convert, length, units=("m",), size=length)
+
+    def segments(self, count: int) -> tuple[str, ...]:
+        """Names of so many segments."""
+        return ("",) if count == 1 else tuple(str(k) for k in range(count))
 
     def functional(self, parts):
         """Changes of the segments' lengths."""
@@ -109,42 +100,18 @@ class LiquidMetalSettings(LineSettings):
     def electronics(self, parts, rng):
         """Channels that differ at rest and in gain."""
         del parts
-        count, ohm = len(self.channels), 2.0 * self._at_rest
-        return equal_channels(
-            count,
-            nothing=self._at_rest,
-            gain=self._gains(rng, count),
-            zero=rng.normal(0.0, self.offset_sigma, count) * ohm,
-            slow_sigma=self.drift * _DRIFT_TIME_S * ohm,
-            slow_time=_DRIFT_TIME_S,
-            noise=self.noise * ohm,
-        )
+        ohm = 2.0 * self._at_rest
+        return self._virtual(rng, ohm, self.drift, nothing=self._at_rest)
 
 
-class LineLengthSettings(LineSettings):
+class LineLengthSettings(LineSettings, ScaledSettings):
     """What tells the length itself, or by how much a line is longer than at rest, in `unit`."""
 
     type: Literal["line-length"] = "line-length"
     unit: LengthUnit = 1e-3
 
-    def sensor(self, parts):
+    def _scaled(self, parts):
         """Raises MeshError for a line outside the body, ConfigError unless each segment has a channel."""
-        return self.filter(parts, Scale(jnp.asarray(self.unit, float)))
-
-    def ideal(self, parts, time_s, values):
-        """Of changes of length (m, k) m."""
-        del time_s
-        return (self.lengths(parts) + np.asarray(values)) / self.unit
-
-    def electronics(self, parts, rng):
-        """Lengths that are off at rest, and in gain."""
-        count, length = len(self.channels), self.lengths(parts) / self.unit
-        return equal_channels(
-            count,
-            nothing=length,
-            gain=self._gains(rng, count),
-            zero=rng.normal(0.0, self.offset_sigma, count) * length,
-            slow_sigma=self.drift * _DRIFT_TIME_S * length,
-            slow_time=_DRIFT_TIME_S,
-            noise=self.noise * length,
-        )
+        length = self.lengths(parts)
+        names = self.segments(len(length))
+        return Scaled(names, ("m",), self.unit, length, size=length, about=length, drift=self.drift)

@@ -6,7 +6,6 @@ height says.
 
 from typing import Literal, Self
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -14,10 +13,10 @@ from pydantic import model_validator
 
 from softfuse.functional.chart import AbstractChart
 from softfuse.io.quantity import FORCE, LengthUnit, PositiveForce, PositiveLength, wrong_value
-from softfuse.sensors.base import AbstractContactSensor, Evidence, SensorSettings, Touch
+from softfuse.sensors.base import AbstractContactSensor, ContactSettings, Evidence, Touch
 from softfuse.sensors.contact_places import chart_place
 from softfuse.sensors.electronics import equal_channels
-from softfuse.sensors.true_contact import coordinates, flat_chart
+from softfuse.sensors.true_contact import coordinates
 
 
 class Indenter(AbstractContactSensor):
@@ -25,10 +24,6 @@ class Indenter(AbstractContactSensor):
     a touch; `sigma_m`: of a place; `low_m`, `high_m` (2,) where middles may be [m].
     """
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    contact: str = eqx.field(static=True)
-    slots: int = eqx.field(static=True)
     chart: AbstractChart
     unit_m: Float[Array, ""]
     on_N: Float[Array, ""]
@@ -71,14 +66,13 @@ class Indenter(AbstractContactSensor):
         )
 
 
-class IndenterSettings(SensorSettings):
+class IndenterSettings(ContactSettings):
     """A stage at x, y of a [[contact]]'s chart, in `unit`, and its force in N: three channels.
 
     on, off: forces at which a touch begins and ends; sigma in m: of a place; noise in N: of the force.
     """
 
     type: Literal["indenter"] = "indenter"
-    contact: str
     unit: LengthUnit = 1e-3
     on: PositiveForce = 0.1
     off: PositiveForce = 0.05
@@ -87,8 +81,7 @@ class IndenterSettings(SensorSettings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if len(self.channels) != 3:
-            raise wrong_value(f"{len(self.channels)} for x, y and force", key="channels")
+        self._count(3, "x, y and force")
         if self.off > self.on:
             raise wrong_value(f"must not exceed on = {self.on:g} {FORCE.unit}", key="off")
         return self
@@ -96,7 +89,7 @@ class IndenterSettings(SensorSettings):
     def sensor(self, parts):
         """Raises ConfigError for a contact that there is not, or that presses on no flat face."""
         part = parts.contact_of(self.name, self.contact)
-        chart = flat_chart(parts, self.name, self.contact)
+        chart = self._chart(parts)
         return Indenter(
             self.name,
             self.channels,
@@ -111,14 +104,10 @@ class IndenterSettings(SensorSettings):
             jnp.asarray(part.high, float),
         )
 
-    def functional(self, parts):
-        """None: it sees contacts."""
-        return None
-
     def signal(self, parts, contacts, moved):
         """x, y [m] and force [N] of the contact, (3,)."""
         del moved
-        chart = flat_chart(parts, self.name, self.contact)
+        chart = self._chart(parts)
         if len(contacts) != 1:
             raise self._wrong(f"a stage has one indenter, not {len(contacts)}")
         (contact,) = contacts

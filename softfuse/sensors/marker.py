@@ -14,7 +14,7 @@ from softfuse.functional.marker import Marker
 from softfuse.io.quantity import LengthUnit, PositiveLength, wrong_value
 from softfuse.io.settings import Settings, Vector
 from softfuse.mechanics.reading import ShapeReading
-from softfuse.sensors.direct import DirectSettings, Scale
+from softfuse.sensors.direct import Scaled, ScaledSettings
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.parts import Parts
 
@@ -32,7 +32,7 @@ class CameraSettings(Settings):
     axes: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
-class MarkerSettings(DirectSettings):
+class MarkerSettings(ScaledSettings):
     """Coordinates of a [[point]] in a camera's frame, one channel for each of `components`, in `unit`.
 
     noise: standard deviation of a coordinate in m; offset_sigma: by how much the camera's place may be wrong,
@@ -52,8 +52,7 @@ class MarkerSettings(DirectSettings):
     def _check(self):
         if len(set(self.components)) != len(self.components):
             raise wrong_value("a component is named twice", key="components")
-        if len(self.channels) != len(self.components):
-            raise wrong_value(f"{len(self.channels)} for {len(self.components)} components", key="channels")
+        self._count(len(self.components), f"{len(self.components)} components")
         return self
 
     def _marker(self, parts: Parts) -> Marker:
@@ -65,30 +64,19 @@ class MarkerSettings(DirectSettings):
             components=[_AXES.index(name) for name in self.components],
         )
 
-    def _rest(self, parts: Parts) -> np.ndarray:
-        rest = parts.body.rest
-        return np.asarray(self._marker(parts)(rest, jnp.zeros_like(rest)))
+    @property
+    def _errors(self):
+        return self.noise, self.offset_sigma, 0.0
 
-    def sensor(self, parts):
+    def _scaled(self, parts):
         """Raises ConfigError for a point that there is not, MeshError for one outside the body."""
-        return self._direct(
-            self.components,
-            Scale(jnp.asarray(self.unit, float)),
-            self._rest(parts),
-            units=("m",),
-            noise=self.noise,
-            offset_sigma=self.offset_sigma,
-            drift=0.0,
-        )
+        rest = parts.body.rest
+        at = np.asarray(self._marker(parts)(rest, jnp.zeros_like(rest)))
+        return Scaled(self.components, ("m",), self.unit, at)
 
     def functional(self, parts):
         """How far the point has moved."""
         return ShapeReading(self._marker(parts))
-
-    def ideal(self, parts, time_s, values):
-        """Of displacements (m, c) m."""
-        del time_s
-        return (self._rest(parts) + np.asarray(values)) / self.unit
 
     def electronics(self, parts, rng):
         """A camera that is somewhat off its place."""

@@ -17,13 +17,9 @@ from softfuse.functional.orientation import DirectionInPatch, PatchRotation
 from softfuse.functional.rotation import rotation_vector
 from softfuse.io.quantity import PositiveAcceleration, PositiveAngle, PositiveLength, wrong_value
 from softfuse.mechanics.reading import ShapeReading
-from softfuse.sensors.direct import AbstractConvert, DirectSettings, Scale
+from softfuse.sensors.direct import DRIFT_TIME_S, AbstractConvert, DirectSettings, Scaled, ScaledSettings
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.marker import Row
-from softfuse.sensors.parts import Parts
-
-_DRIFT_TIME_S = 600.0
-"""How long a virtual bias drifts one way."""
 
 
 class Attitude(AbstractConvert):
@@ -72,7 +68,7 @@ class _OrientationSettings(DirectSettings):
         return self
 
 
-class AccelerometerSettings(_OrientationSettings):
+class AccelerometerSettings(_OrientationSettings, ScaledSettings):
     """An accelerometer: channels of its three axes, in `unit`.
 
     noise, offset_sigma: of a reading and its bias, drift of the bias per second, in m/s².
@@ -86,50 +82,22 @@ class AccelerometerSettings(_OrientationSettings):
 
     @model_validator(mode="after")
     def _check(self):
-        if len(self.channels) != 3:
-            raise wrong_value(f"{len(self.channels)} for three axes", key="channels")
+        self._count(3, "three axes")
         return self
 
-    def _rest(self, parts: Parts) -> Float[np.ndarray, "3"]:
-        """Gravity in the sensor's frame at rest."""
-        return self.mounting.T @ np.array(parts.gravity)
-
-    def sensor(self, parts):
+    def _scaled(self, parts):
         """Raises ConfigError for a point that there is not, or where nothing weighs."""
         if not np.any(parts.gravity):
             raise self._wrong("without gravity an accelerometer tells nothing")
         parts.point_of(self.name, self.point)
-        return self._direct(
-            ("x", "y", "z"),
-            Scale(jnp.asarray(-self.unit, float)),
-            self._rest(parts),
-            units=("m/s^2",),
-            noise=self.noise,
-            offset_sigma=self.offset_sigma,
-            drift=self.drift,
-        )
+        # Gravity in the sensor's frame; all of it is off by the gain.
+        rest = self.mounting.T @ np.array(parts.gravity)
+        return Scaled(("x", "y", "z"), ("m/s^2",), -self.unit, rest, drift=self.drift)
 
     def functional(self, parts):
         """How gravity has turned in the patch."""
         at, gravity = parts.point_of(self.name, self.point), np.array(parts.gravity)
         return ShapeReading(DirectionInPatch.of(parts.body, at, self.radius, gravity, mounting=self.mounting))
-
-    def ideal(self, parts, time_s, values):
-        """Of changes of gravity in the patch (m, 3) m/s²."""
-        del time_s
-        return -(self._rest(parts) + np.asarray(values)) / self.unit
-
-    def electronics(self, parts, rng):
-        """Axes that differ in bias and gain, and drift."""
-        del parts
-        return equal_channels(
-            3,
-            gain=self._gains(rng, 3),
-            zero=rng.normal(0.0, self.offset_sigma, 3) / self.unit,
-            slow_sigma=self.drift * _DRIFT_TIME_S / self.unit,
-            slow_time=_DRIFT_TIME_S,
-            noise=self.noise / self.unit,
-        )
 
 
 class AttitudeSettings(_OrientationSettings):
@@ -145,8 +113,7 @@ class AttitudeSettings(_OrientationSettings):
 
     @model_validator(mode="after")
     def _check(self):
-        if len(self.channels) != 4:
-            raise wrong_value(f"{len(self.channels)} for the four numbers of a quaternion", key="channels")
+        self._count(4, "the four numbers of a quaternion")
         return self
 
     def sensor(self, parts):
@@ -157,9 +124,6 @@ class AttitudeSettings(_OrientationSettings):
             Attitude(jnp.asarray(self.mounting)),
             0.0,
             units=("rad",),
-            noise=self.noise,
-            offset_sigma=self.offset_sigma,
-            drift=self.drift,
         )
 
     def functional(self, parts):
@@ -181,7 +145,7 @@ class AttitudeSettings(_OrientationSettings):
         return equal_channels(
             4,
             zero=rng.normal(0.0, 0.5 * self.offset_sigma, 4),
-            slow_sigma=0.5 * self.drift * _DRIFT_TIME_S,
-            slow_time=_DRIFT_TIME_S,
+            slow_sigma=0.5 * self.drift * DRIFT_TIME_S,
+            slow_time=DRIFT_TIME_S,
             noise=0.5 * self.noise,
         )

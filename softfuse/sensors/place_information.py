@@ -42,7 +42,7 @@ def place_told_by_lines(
         signal = peak_layers(model) @ amplitude * near.response
         evidence = evidence_of(model, signal, jnp.ones(signal.shape, bool), unknowns)
         found = minimum_at(evidence, unknowns / evidence.scale, near, jnp.zeros(()))
-        return jnp.linalg.inv(peak_found(model, evidence, found).covariance_m2)
+        return jnp.linalg.inv(peak_found(evidence, found).covariance_m2)
 
     return jax.lax.map(told, places_m)
 

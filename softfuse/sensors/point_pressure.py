@@ -6,8 +6,6 @@ material alone would have, to be calibrated. The atmosphere and the stress of ca
 
 from typing import Annotated, Literal
 
-import jax.numpy as jnp
-import numpy as np
 from annotated_types import Ge
 from pydantic import BeforeValidator
 
@@ -19,18 +17,14 @@ from softfuse.io.quantity import (
     PositiveNumber,
     PositivePressure,
     PressureRate,
-    wrong_value,
 )
 from softfuse.mechanics.reading import ShapeReading
-from softfuse.sensors.direct import DirectSettings, Scale
-from softfuse.sensors.electronics import equal_channels
+from softfuse.sensors.direct import Scaled, ScaledSettings
 
 _PER_READING = Dimension("a pressure", "Pa", "1 Pa")
-_DRIFT_TIME_S = 600.0
-"""How long a virtual zero drifts one way."""
 
 
-class PointPressureSettings(DirectSettings):
+class PointPressureSettings(ScaledSettings):
     """A barometer at a [[point]], over a ball of `radius` in m; one channel, `unit` of pressure for each one
     of it.
 
@@ -48,21 +42,13 @@ class PointPressureSettings(DirectSettings):
 
     def model_post_init(self, context, /) -> None:
         """Raise the error of a validator unless there is one channel."""
-        if len(self.channels) != 1:
-            raise wrong_value(f"{len(self.channels)} for one barometer", key="channels")
+        self._count(1, "one barometer")
 
-    def sensor(self, parts):
+    def _scaled(self, parts):
         """Raises ConfigError for a point that there is not."""
         parts.point_of(self.name, self.point)
-        return self._direct(
-            ("",),
-            Scale(jnp.asarray(self.unit / self.gain, float)),
-            parts.atmosphere / self.gain,
-            units=("Pa",),
-            noise=self.noise / self.gain,
-            offset_sigma=self.offset_sigma / self.gain,
-            drift=self.drift / self.gain,
-        )
+        rest, size = parts.atmosphere / self.gain, 1.0 / self.gain
+        return Scaled(("",), ("Pa",), self.unit * size, rest, size, about=rest, drift=self.drift)
 
     def functional(self, parts):
         """The pressure beyond that at rest. Raises MeshError where the ball reaches out of the body."""
@@ -70,20 +56,3 @@ class PointPressureSettings(DirectSettings):
         if not isinstance(parts.body, Body):
             raise self._wrong("the pressure of the material is read in the full body, not in a reduced one")
         return ShapeReading(PointPressure.of(parts.body, at, self.radius))
-
-    def ideal(self, parts, time_s, values):
-        """Of pressures (m, 1) Pa in the material."""
-        del time_s
-        return (parts.atmosphere + self.gain * np.asarray(values)) / self.unit
-
-    def electronics(self, parts, rng):
-        """A barometer that is off at rest and in gain."""
-        return equal_channels(
-            1,
-            nothing=parts.atmosphere / self.unit,
-            gain=self._gains(rng, 1),
-            zero=rng.normal(0.0, self.offset_sigma, 1) / self.unit,
-            slow_sigma=self.drift * _DRIFT_TIME_S / self.unit,
-            slow_time=_DRIFT_TIME_S,
-            noise=self.noise / self.unit,
-        )

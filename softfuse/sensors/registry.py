@@ -11,16 +11,16 @@ from softfuse.sensors.cable_length import CableLengthSettings
 from softfuse.sensors.cable_tension import CableTensionSettings
 from softfuse.sensors.crossed.settings import CrossedSettings
 from softfuse.sensors.curvature import BraggSettings
-from softfuse.sensors.electrodes.sensor import ElectrodeSettings
+from softfuse.sensors.electrodes import ElectrodeSettings
 from softfuse.sensors.embedded_line import LineLengthSettings, LiquidMetalSettings
 from softfuse.sensors.embedded_sheet import SheetSettings
-from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.flow import FlowSettings
 from softfuse.sensors.indenter import IndenterSettings
 from softfuse.sensors.marker import MarkerSettings
 from softfuse.sensors.mutual.settings import MutualSettings
 from softfuse.sensors.orientation import AccelerometerSettings, AttitudeSettings
 from softfuse.sensors.point_pressure import PointPressureSettings
-from softfuse.sensors.pressure.sensor import PressureSettings
+from softfuse.sensors.pressure.settings import PressureSettings
 from softfuse.sensors.strain_gauge import StrainGaugeSettings
 
 SENSORS: Mapping[str, type[SensorSettings]] = MappingProxyType(

@@ -7,7 +7,6 @@ import numpy as np
 
 from softfuse.io.quantity import PositiveNumber
 from softfuse.sensors.direct import AbstractConvert
-from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.embedded_line import LineSettings
 
 
@@ -41,10 +40,4 @@ class StrainGaugeSettings(LineSettings):
     def electronics(self, parts, rng):
         """Bridges that are off at rest and in gain."""
         del parts
-        count = len(self.channels)
-        return equal_channels(
-            count,
-            gain=self._gains(rng, count),
-            zero=rng.normal(0.0, self.offset_sigma * self.factor, count),
-            noise=self.noise * self.factor,
-        )
+        return self._virtual(rng, self.factor, 0.0)

@@ -6,6 +6,7 @@ may miss.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,7 +16,6 @@ from jaxtyping import Array, Bool, Float
 
 from softfuse.errors import ConfigError
 from softfuse.mechanics.reading import JointReading
-from softfuse.sensors.addresses import Addresses, ContactSlots
 from softfuse.sensors.base import (
     AbstractContactSensor,
     AbstractSensor,
@@ -27,7 +27,7 @@ from softfuse.sensors.base import (
     Touch,
     VolumeChange,
 )
-from softfuse.sensors.contact_places import joined_places
+from softfuse.sensors.contact_places import ContactSlots, joined_places
 from softfuse.sensors.frame_time import FrameClock, FrameTime, clock_init, frame_step
 from softfuse.sensors.parts import Parts
 from softfuse.sensors.pneumatic_touch import (
@@ -36,11 +36,30 @@ from softfuse.sensors.pneumatic_touch import (
     pneumatic_init,
     pneumatic_update,
 )
-from softfuse.sensors.reading_drift import DriftModel, ReadingDrift
 from softfuse.sensors.status import Status
+from softfuse.sensors.zero_drift import DriftModel, ReadingDrift
 
 _START_S = 2.0
 """Time at rest after a robot is switched on that nobody watches: enough for zeros to be taken."""
+
+
+@dataclass(frozen=True)
+class Addresses:
+    """Which of a row of numbers belong to whom: names, and where each one's begin, and the end of all."""
+
+    names: tuple[str, ...]
+    starts: tuple[int, ...]
+
+    @classmethod
+    def of(cls, counts: Sequence[tuple[str, int]]) -> "Addresses":
+        """Of names with so many numbers each."""
+        starts = np.cumsum([0, *(count for _, count in counts)]).tolist()
+        return cls(tuple(name for name, _ in counts), tuple(starts))
+
+    def __getitem__(self, name: str) -> slice:
+        """The numbers that belong to a name."""
+        k = self.names.index(name)
+        return slice(self.starts[k], self.starts[k + 1])
 
 
 class Observation(NamedTuple):

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from softfuse.errors import ConfigError
 from softfuse.functional.chart import FlatChart
 from softfuse.sensors.parts import Parts
 
@@ -26,17 +25,6 @@ class TrueContact:
     middle: Float[np.ndarray, "3"] | None = None
     axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
     half_length: float = 0.0
-
-
-def flat_chart(parts: Parts, sensor: str, contact: str) -> FlatChart:
-    """The coordinates of the flat face on which a contact presses.
-
-    Raises ConfigError, for the sensor, where it presses on none.
-    """
-    chart = parts.contact_of(sensor, contact).chart
-    if not isinstance(chart, FlatChart):
-        raise ConfigError(f'sensor "{sensor}": contact "{contact}" presses on no flat face, as it needs')
-    return chart
 
 
 def coordinates(chart: FlatChart, contact: TrueContact) -> Float[np.ndarray, "2"]:

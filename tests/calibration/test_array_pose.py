@@ -7,6 +7,7 @@ import pytest
 
 from softfuse.calibration.array_pose import Located, PoseFit, PosePrior, fit_pose
 from softfuse.sensors.crossed.array_pose import ArrayPose
+from softfuse.sensors.crossed.settings import PoseSettings
 
 PRIOR = PosePrior(0.5e-3, 0.02, 0.01, 0.5, 0.1)
 AREA = 1e-3 * np.array([(x, y) for x in (-28.0, 0.0, 28.0) for y in (-28.0, 0.0, 28.0)])
@@ -97,5 +98,5 @@ def test_a_pose_turns_and_stretches_places_and_their_spread() -> None:
     ):
         found = pose.spread(widening * np.diag([1.0, 4.0]), np.asarray(widening), np.asarray(dent))
         np.testing.assert_allclose(found, spread, atol=1e-12)
-    drawn = ArrayPose.as_drawn()
+    drawn = PoseSettings().pose()
     assert drawn.on_body(np.array([0.01, -0.02])) == pytest.approx([0.01, -0.02])

@@ -4,18 +4,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_sensors import peak_model
+from made_sensors import peak_model, peak_signal
 
 from softfuse.calibration.array_pose import pose_slopes
 from softfuse.calibration.electrode_gains import GainFit, LineSignals, fit_gains
-from softfuse.sensors.crossed.array_pose import ArrayPose
-from softfuse.sensors.crossed.peak_model import peak_signal
+from softfuse.sensors.crossed.settings import PoseSettings
 
 LINES = 1e-3 * (-28.0 + 8.0 * np.arange(8))
 MODEL = peak_model(LINES, LINES, 1.5e-3, 1.0e-3)
 NAMES = tuple(f"{what}{k} gain" for what in ("row", "col") for k in range(8))
 POSE_SIGMA = np.array([0.5e-3, 0.5e-3, 0.02, 0.01, 0.01])
-DRAWN = ArrayPose.as_drawn()
+DRAWN = PoseSettings().pose()
 GAIN = 0.05
 SIGNALS = jax.jit(jax.vmap(lambda *unknowns: peak_signal(MODEL, *unknowns)))
 

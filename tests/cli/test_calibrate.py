@@ -8,7 +8,7 @@ import pytest
 
 from softfuse.robot.file import load
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.flow import FlowSettings
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests" / "data" / "pad_nominal_two_presses.csv.gz"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from softfuse.robot.file import load
-from softfuse.sensors.pressure.sensor import PressureSettings
+from softfuse.sensors.pressure.settings import PressureSettings
 
 ROOT = Path(__file__).parents[2]
 RECORDING = ROOT / "tests" / "data" / "finger_one_push.csv.gz"

@@ -28,8 +28,8 @@ from softfuse.robot.layout.layout_mesh import layout_mesh
 from softfuse.robot.layout.thickness import wall_names, wall_thicknesses
 from softfuse.robot.mesh import build_mesh
 from softfuse.sensors.cable_tension import CableTensionSettings
-from softfuse.sensors.flow.sensor import FlowSettings
-from softfuse.sensors.pressure.sensor import PressureSettings
+from softfuse.sensors.flow import FlowSettings
+from softfuse.sensors.pressure.settings import PressureSettings
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PAD, FINGER = CONFIGS / "design_pad.toml", CONFIGS / "design_finger.toml"

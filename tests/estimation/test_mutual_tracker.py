@@ -137,13 +137,13 @@ def found(tracker: Tracker) -> dict[int, Tracked]:
 
 def numbers(now: Tracked) -> dict[int, int]:
     """Contact of each number that touches."""
-    grid, slots = now.details["grid"].grid.tracks, now.details["grid"].slots
+    grid, slots = now.details["grid"].tracks, now.details["grid"].slots
     return {int(grid.number[slots.electrode[c]]): int(c) for c in np.flatnonzero(now.touching)}
 
 
 def near(now: Tracked) -> list[np.ndarray]:
     """Places [mm] of what hovers."""
-    grid = now.details["grid"].grid.tracks
+    grid = now.details["grid"].tracks
     return [1e3 * grid.place_m[j] for j in np.flatnonzero(grid.near)]
 
 

@@ -8,7 +8,7 @@ import pytest
 from softfuse.errors import ConfigError
 from softfuse.robot.file import load
 from softfuse.sensors.crossed.settings import CrossedSettings
-from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.flow import FlowSettings
 
 Write = Callable[..., Path]
 

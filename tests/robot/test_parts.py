@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from softfuse.errors import ConfigError
 from softfuse.robot.contacts import PatchSettings
 from softfuse.robot.file import load
-from softfuse.sensors.electrodes.sensor import ElectrodePlace, ElectrodeSettings
+from softfuse.sensors.electrodes import ElectrodePlace, ElectrodeSettings
 
 Write = Callable[..., Path]
 

@@ -1,22 +1,33 @@
 """Sensors of the examples: what their settings become, and how mistakes in them are told."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_sensors import capacitive_array, d6f_p0001a1, electrode_detector, nxp, peak_model, touch_detector
+from made_sensors import (
+    capacitive_array,
+    chambered,
+    d6f_p0001a1,
+    names,
+    nxp,
+    peak_model,
+    single_electrodes,
+    touch_detector,
+    touched_at,
+)
 
 from softfuse.errors import ConfigError
 from softfuse.robot.file import load
 from softfuse.sensors.cable_length import CableLengthSettings
 from softfuse.sensors.crossed.settings import CrossedSettings
-from softfuse.sensors.electrodes.sensor import ElectrodeSettings
-from softfuse.sensors.flow.sensor import FlowSettings
+from softfuse.sensors.electrodes import ElectrodeSettings
+from softfuse.sensors.flow import FlowSettings
 from softfuse.sensors.mutual.settings import MutualSettings
-from softfuse.sensors.pressure.sensor import PressureSettings
+from softfuse.sensors.pressure.settings import PressureSettings
 
 Write = Callable[..., Path]
 
@@ -27,7 +38,8 @@ LINES = 1e-3 * (-28 + 8 * jnp.arange(8))
 def test_sensors_of_the_pad_are_those_of_their_data_sheets(write: Write) -> None:
     settings = load(write())
     (flow,), (lines,) = settings.sensors_of(FlowSettings), settings.sensors_of(CrossedSettings)
-    assert eqx.tree_equal(flow.filter(), d6f_p0001a1(4))
+    vents = flow.model_copy(update={"channels": tuple(names(4)), "chambers": tuple(names(4))})
+    assert eqx.tree_equal(vents.sensor(chambered(names(4))), d6f_p0001a1(4))
     assert eqx.tree_equal(lines.array(), capacitive_array())
     assert eqx.tree_equal(lines.touch.detector(lines.noise_counts), touch_detector())
     assert eqx.tree_equal(lines.peak_model(10e-3), peak_model(LINES, LINES, 1.5e-3, 1.0e-3))
@@ -37,9 +49,14 @@ def test_sensors_of_the_finger_are_those_of_their_data_sheets(write_finger: Writ
     settings = load(write_finger())
     (pressure,) = settings.sensors_of(PressureSettings)
     assert (pressure.part, pressure.average, pressure.reference) == ("MPX5100A", 0.2, 5.0)
-    assert eqx.tree_equal(pressure.filter(101325.0), nxp("MPX5100A", 6))
+    named = {"name": "pressure", "channels": tuple(names(6)), "chambers": tuple(names(6))}
+    found = pressure.model_copy(update=named).sensor(chambered(names(6), drive=0))
+    assert eqx.tree_equal(found, nxp("MPX5100A", 6))
     (electrodes,) = settings.sensors_of(ElectrodeSettings)
-    assert eqx.tree_equal(electrodes.detector(), electrode_detector(12))
+    named = {"name": "skin", "contact": "contact", "channels": tuple(names(12))}
+    made = single_electrodes(12)
+    found = electrodes.model_copy(update=named).sensor(touched_at("contact", 3))
+    assert eqx.tree_equal(replace(found, places=made.places, covariance_m2=made.covariance_m2), made)
 
 
 def test_settings_reach_flow_sensors_and_lines(write: Write) -> None:
@@ -54,10 +71,10 @@ def test_settings_reach_flow_sensors_and_lines(write: Write) -> None:
     )
     settings = load(write(*changes))
     (flow,), (lines,) = settings.sensors_of(FlowSettings), settings.sensors_of(CrossedSettings)
-    zeros = flow.filter()
+    zeros = flow.sensor(chambered(flow.chambers))
     np.testing.assert_allclose(zeros.zero_V, 1.0)
     np.testing.assert_allclose(zeros.sensitivity_Vs_m3, 0.12e6)
-    assert (zeros.lag, float(zeros.hold_off_s)) == (7, 1.0)
+    assert (zeros.lag_frames, float(zeros.hold_off_s)) == (7, 1.0)
     array, peak, touch = lines.array(), lines.peak_model(5e-3), lines.touch.detector(lines.noise_counts)
     assert [float(s.noise_counts) for s in (array, peak, touch)] == [4.0] * 3
     assert (float(array.creep_time_s), float(array.negative_sigma)) == (60.0, 3.0)
@@ -76,15 +93,17 @@ def test_settings_reach_pressure_sensors_and_electrodes(write_finger: Write) -> 
         ("off_counts = 400.0 ", 'off_counts = 400.0\nbaseline = { creep_time = "30 s" } '),
     )
     settings = load(write_finger(*changes))
-    pressure = settings.sensors_of(PressureSettings)[0].filter(95e3)
+    (pressure,) = settings.sensors_of(PressureSettings)
+    pressure = pressure.sensor(chambered(pressure.chambers, drive=0, atmosphere=95e3))
     np.testing.assert_allclose(pressure.rest_Pa, 95e3)
-    assert (float(pressure.reference), float(pressure.clip_low), pressure.lag) == (5.1, 3e-3, 7)
+    assert (float(pressure.reference), float(pressure.clip_low), pressure.lag_frames) == (5.1, 3e-3, 7)
     assert (float(pressure.gain_sigma), float(pressure.hold_off_s)) == (0.02, 2.0)
     assert (float(pressure.tare.settle_s), float(pressure.tare.drift_Pa_s)) == (2.0, pytest.approx(0.1))
     leaks = pressure.leak
     assert (float(leaks.tolerated_1_s), float(leaks.prior_1_s)) == (pytest.approx(1 / 60), 0.25)
     assert float(leaks.repeat_Pa) == 30.0
-    electrodes = settings.sensors_of(ElectrodeSettings)[0].detector()
+    (electrodes,) = settings.sensors_of(ElectrodeSettings)
+    electrodes = electrodes.sensor(touched_at(electrodes.contact, 1))
     np.testing.assert_allclose(electrodes.on_counts, 500.0)
     assert (float(electrodes.lost_s), float(electrodes.quiet_s), int(electrodes.on_frames)) == (0.2, 3.0, 5)
     assert float(electrodes.array.creep_time_s) == 30.0
@@ -116,13 +135,13 @@ def test_the_grid_of_the_example_follows_two_contacts() -> None:
     settings = load(MUTUAL)
     (grid,) = settings.sensors_of(MutualSettings)
     assert settings.contact().at_once == 2 and len(settings.channels) == 4 + 16
-    np.testing.assert_allclose(grid.grid().model.column_x_m, [-24e-3, -8e-3, 8e-3, 24e-3])
+    np.testing.assert_allclose(grid.model().column_x_m, [-24e-3, -8e-3, 8e-3, 24e-3])
 
 
 def test_gains_of_cells_are_given_row_by_row(tmp_path: Path) -> None:
     gain = [1.0 + 0.01 * k for k in range(16)]
     settings = load(written(tmp_path / "pad.toml", "# gain = [...]", f"gain = {gain}"))
-    found = settings.sensors_of(MutualSettings)[0].grid().model.gain
+    found = settings.sensors_of(MutualSettings)[0].model().gain
     assert float(found[1, 0]) == gain[1] and float(found[0, 1]) == gain[4]
 
 

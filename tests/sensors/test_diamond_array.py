@@ -5,19 +5,24 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.sensors.crossed.diamond_array import array_points, array_response, array_slopes, line_points
-from softfuse.sensors.crossed.wall_field import disc_density
+from softfuse.sensors.crossed.diamond_array import (
+    array_points,
+    array_response,
+    array_slopes,
+    disc_density,
+    line_points,
+)
 
 LINES = (-28.0 + 8.0 * np.arange(8)) * 1e-3
 PITCH = 8e-3
 ZERO = jnp.asarray(0.0)
+STRIPS = -8 * 4  # points of a strip: four along each of the lines that it crosses
 
 
 @jax.jit
 def response_of(location, row_depth=1.5e-3, column_depth=1e-3, row_rim=0.0, column_rim=0.0):
     lines = jnp.asarray(LINES)
-    rows, columns = (line_points(lines, lines, jnp.asarray(rim)) for rim in (row_rim, column_rim))
-    points = array_points(rows, columns, jnp.asarray(PITCH))
+    points = array_points(lines, lines, jnp.asarray(row_rim), jnp.asarray(column_rim))
     depth = jnp.repeat(jnp.stack([jnp.asarray(row_depth), jnp.asarray(column_depth)]), 8)
     return array_response(points, jnp.asarray(location), jnp.asarray(10e-3), depth)
 
@@ -38,10 +43,7 @@ def brute_force(location, depth, cell=0.1e-3):
 
 def test_rows_and_columns_share_the_array_evenly():
     points = line_points(jnp.asarray(LINES), jnp.asarray(LINES), ZERO)
-    strips = 2 * points.rim_points
-    area = np.asarray(points.area_m2[:-strips]).reshape(8, -1)
-    across = np.asarray(points.across_m[:-strips]).reshape(8, -1)
-    along = np.asarray(points.along_m[:-strips]).reshape(8, -1)
+    across, along, area = (np.asarray(each)[:, :STRIPS] for each in points)
     np.testing.assert_allclose(area.sum(axis=1), 0.5 * 8e-3 * 64e-3, rtol=1e-12)
     assert np.abs(across).max() < 32e-3 and np.abs(along).max() < 32e-3
     own_distance = np.abs(across - LINES[:, None])
@@ -71,14 +73,13 @@ def test_only_the_outermost_lines_gain_from_the_rim():
     np.testing.assert_allclose(gain[1:7], 0.0, atol=1e-15)
     np.testing.assert_allclose(gain[8:], 0.0, atol=1e-15)
     assert float(gain[7]) > float(gain[0]) > 0.0
-    points = line_points(jnp.asarray(LINES), jnp.asarray(LINES), jnp.asarray(0.5e-3))
-    strips = np.asarray(points.area_m2[-2 * points.rim_points :])
-    np.testing.assert_allclose(strips.sum(), 2 * 0.5 * 0.5e-3 * 64e-3, rtol=1e-12)
+    _, _, area = line_points(jnp.asarray(LINES), jnp.asarray(LINES), jnp.asarray(0.5e-3))
+    np.testing.assert_allclose(area[:, STRIPS:].sum(), 2 * 0.5 * 0.5e-3 * 64e-3, rtol=1e-12)
 
 
 def test_unequal_numbers_of_lines_are_allowed():
     x, y = jnp.linspace(-10e-3, 10e-3, 5), jnp.linspace(-20e-3, 20e-3, 3)
-    points = array_points(line_points(y, x, ZERO), line_points(x, y, ZERO), jnp.asarray(5e-3))
+    points = array_points(y, x, ZERO, ZERO)
     response = array_response(points, jnp.zeros(2), jnp.asarray(4e-3), jnp.full(8, 1e-3))
     assert response.shape == (8,)
     np.testing.assert_allclose(response[:3], response[:3][::-1], rtol=1e-12)
@@ -89,7 +90,7 @@ def test_unequal_numbers_of_lines_are_allowed():
 @pytest.mark.parametrize("location", [(0.3e-3, 5.1e-3), (28e-3, -30e-3)])
 def test_slopes_are_the_derivatives_of_the_response(location):
     lines, rim = jnp.asarray(LINES), jnp.asarray(0.5e-3)
-    points = array_points(line_points(lines, lines, rim), line_points(lines, lines, ZERO), jnp.asarray(PITCH))
+    points = array_points(lines, lines, rim, ZERO)
     depth = jnp.repeat(jnp.asarray([1.5e-3, 1e-3]), 8)
 
     def response(q):

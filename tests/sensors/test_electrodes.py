@@ -5,11 +5,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_sensors import electrode_detector
+from made_sensors import single_electrodes
 
-from softfuse.sensors.electrodes.detector import electrode_init, electrode_update
-
-DETECTOR = electrode_detector(12)
+ELECTRODES = single_electrodes(12)
 DT = 0.01
 
 
@@ -17,21 +15,21 @@ CHUNK = 500
 
 
 @eqx.filter_jit
-def scan_chunk(detector, state, counts, dt):
+def scan_chunk(electrodes, state, counts, dt):
     def step(state, row):
-        return electrode_update(detector, state, dt, row)
+        return electrodes.filtered(state, dt, row)
 
     return jax.lax.scan(step, state, counts)
 
 
-def run(counts, detector=DETECTOR, dt=DT):
+def run(counts, electrodes=ELECTRODES, dt=DT):
     """Final state and readings; in chunks, so that all recordings are run by one compilation."""
-    state, readings = electrode_init(detector, 3), []
+    state, readings = electrodes.init(), []
     n = len(counts)
     padded = np.full((-(-n // CHUNK) * CHUNK, 12), np.nan)
     padded[:n] = counts
     for chunk in np.split(padded, len(padded) // CHUNK):
-        state, reading = scan_chunk(detector, state, jnp.asarray(chunk), jnp.asarray(dt))
+        state, reading = scan_chunk(electrodes, state, jnp.asarray(chunk), jnp.asarray(dt))
         readings.append(reading)
     return state, jax.tree.map(lambda *parts: np.concatenate(parts)[:n], *readings)
 
@@ -140,11 +138,11 @@ def test_a_missing_electrode_is_lost_but_not_stuck_and_comes_back_untouched():
 
 
 def test_a_touch_without_end_is_stuck_and_calibrated_away():
-    detector = electrode_detector(12, longest_touch=20.0, creep_time=10.0)
+    electrodes = single_electrodes(12, longest_touch=20.0, creep_time=10.0)
     counts = idle(8000)
     counts[500:, 7] += 2000.0
     counts[500:1500, 2] += 2000.0
-    _, reading = run(counts, detector)
+    _, reading = run(counts, electrodes)
     assert reading.touched[502:2501, 7].all()
     assert reading.stuck[2503:3500, 7].all() and not reading.touched[2503:, 7].any()
     # From 2000 to 400 counts in 10 s ln 5 = 16 s of creeping.
@@ -155,20 +153,20 @@ def test_a_touch_without_end_is_stuck_and_calibrated_away():
 
 
 def test_what_was_calibrated_away_does_not_hide_the_next_touch():
-    detector = electrode_detector(12, longest_touch=5.0, creep_time=2.0)
+    electrodes = single_electrodes(12, longest_touch=5.0, creep_time=2.0)
     counts = idle(4000)
     counts[200:2500, 0] += 2000.0
     counts[2700:3500, 0] += 1500.0
-    _, reading = run(counts, detector)
+    _, reading = run(counts, electrodes)
     assert reading.touched[2703:3100, 0].all()
     assert not reading.touched[2503:2700, 0].any() and not reading.touched[3505:, 0].any()
 
 
 def test_electrodes_have_thresholds_of_their_own():
-    detector = eqx.tree_at(lambda d: d.on_counts, DETECTOR, DETECTOR.on_counts.at[3].set(3000.0))
+    electrodes = eqx.tree_at(lambda d: d.on_counts, ELECTRODES, ELECTRODES.on_counts.at[3].set(3000.0))
     counts = idle(400)
     counts[200:] += 2000.0
-    _, reading = run(counts, detector)
+    _, reading = run(counts, electrodes)
     assert np.array_equal(reading.touched[-1], np.arange(12) != 3)
 
 

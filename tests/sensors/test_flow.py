@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from made_sensors import d6f_p0001a1
 
-from softfuse.sensors.flow.filter import flow_init, flow_update
-
 SENSOR = d6f_p0001a1(4)
 SENSITIVITY = 1.2e6  # V s/m^3, 20 V per L/min
 MM3 = 1e-9
@@ -17,9 +15,9 @@ MM3 = 1e-9
 @eqx.filter_jit
 def run(sensor, dt, volts, touching):
     def step(state, frame):
-        return flow_update(sensor, state, *frame)
+        return sensor.filtered(state, *frame)
 
-    return jax.lax.scan(step, flow_init(sensor), (dt, volts, touching))[1]
+    return jax.lax.scan(step, sensor.init(), (dt, volts, touching))[1]
 
 
 def frames(n, dt=0.01):

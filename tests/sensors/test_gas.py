@@ -1,32 +1,29 @@
-"""Pressure in a sealed cavity to volume change and back."""
+"""Pressure in a sealed cavity to volume change."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softfuse.sensors.gas import gauge_pressure_of, tube_volume, volume_change_of, volume_change_sigma_of
+from softfuse.sensors.gas import volume_change_of
 
 REST = jnp.asarray([480e-9, 4704e-9, 1000e-9])
 DEAD = jnp.asarray([785e-9, 0.0, 300e-9])
 P0 = 101325.0
 
 
-def test_a_metre_of_one_millimetre_bore_is_785_mm3():
-    assert float(tube_volume(jnp.asarray(1.0), jnp.asarray(1e-3))) == pytest.approx(785.398e-9, rel=1e-6)
-
-
 @pytest.mark.parametrize("exponent", [1.0, 1.2, 1.4])
 def test_pressure_and_volume_are_inverse_to_each_other(exponent):
     gauge = jnp.asarray(np.random.default_rng(0).uniform(-0.6, 3.0, (1000, 3))) * P0
     change = volume_change_of(gauge, REST, DEAD, exponent=exponent)
-    back = gauge_pressure_of(change, REST, DEAD, exponent=exponent)
+    back = P0 * np.expm1(-exponent * np.log1p(change / (REST + DEAD)))
     np.testing.assert_allclose(back, gauge, rtol=1e-12, atol=1e-12 * P0)
 
 
 def test_pressures_near_zero_lose_no_digits():
     gauge = jnp.asarray([1e-3, -1e-5, 1e-9])
-    back = gauge_pressure_of(volume_change_of(gauge, REST, DEAD, exponent=1.4), REST, DEAD, exponent=1.4)
+    change = volume_change_of(gauge, REST, DEAD, exponent=1.4)
+    back = P0 * np.expm1(-1.4 * np.log1p(change / (REST + DEAD)))
     np.testing.assert_allclose(back, gauge, rtol=1e-12)
 
 
@@ -39,12 +36,11 @@ def test_absolute_pressure_times_volume_to_the_exponent_is_constant(exponent):
     )
 
 
-def test_half_the_volume_doubles_the_absolute_pressure_and_dead_volume_counts():
-    half = -0.5 * (REST + DEAD)
-    np.testing.assert_allclose(gauge_pressure_of(half, REST, DEAD), P0, rtol=1e-14)
-    np.testing.assert_allclose(
-        gauge_pressure_of(half, REST, DEAD, exponent=1.4), P0 * (2**1.4 - 1), rtol=1e-14
-    )
+def test_twice_the_absolute_pressure_halves_the_volume_and_dead_volume_counts():
+    for exponent in (1.0, 1.4):
+        gauge = jnp.full(3, P0 * (2**exponent - 1))
+        change = volume_change_of(gauge, REST, DEAD, exponent=exponent)
+        np.testing.assert_allclose(change, -0.5 * (REST + DEAD), rtol=1e-14)
 
 
 def test_small_signals_have_the_closed_form_slope_and_a_squeezed_cavity_is_negative():
@@ -53,20 +49,6 @@ def test_small_signals_have_the_closed_form_slope_and_a_squeezed_cavity_is_negat
     )
     np.testing.assert_allclose(slope, -(REST + DEAD) / (1.4 * P0), rtol=1e-14)
     assert np.all(np.asarray(volume_change_of(jnp.full(3, 100.0), REST, DEAD)) < 0)
-
-
-def test_the_standard_deviation_is_the_slope_times_that_of_the_pressure():
-    gauge = jnp.asarray([30e3, -30e3, 0.0])
-    sigma = jnp.asarray([44.0, 10.0, 100.0])
-    slope = jnp.diagonal(jax.jacfwd(lambda p: volume_change_of(p, REST, DEAD, exponent=1.4))(gauge))
-    np.testing.assert_allclose(
-        volume_change_sigma_of(gauge, sigma, REST, DEAD, exponent=1.4), -slope * sigma, rtol=1e-13
-    )
-    rng = np.random.default_rng(0)
-    samples = volume_change_of(gauge + sigma * rng.standard_normal((20000, 3)), REST, DEAD)
-    np.testing.assert_allclose(
-        np.std(np.asarray(samples), axis=0), volume_change_sigma_of(gauge, sigma, REST, DEAD), rtol=0.02
-    )
 
 
 def test_derivatives_of_all_arguments_are_those_of_finite_differences():
@@ -84,4 +66,3 @@ def test_derivatives_of_all_arguments_are_those_of_finite_differences():
 
 def test_the_impossible_is_not_a_number():
     assert np.isnan(volume_change_of(jnp.asarray(-1.1 * P0), REST[0], DEAD[0]))
-    assert np.isnan(gauge_pressure_of(-1.1 * (REST[0] + DEAD[0]), REST[0], DEAD[0], exponent=1.4))

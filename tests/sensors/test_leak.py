@@ -5,9 +5,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_sensors import leak_test, nxp
+from made_sensors import leak_test, nxp, raw_of
 
-from softfuse.sensors.pressure.filter import pressure_init, pressure_update, raw_of
 from softfuse.sensors.pressure.leak import leak_init, leak_rate, leak_update
 
 RATE = 50.0
@@ -72,7 +71,7 @@ CHUNK = 1000
 def scan_chunk(sensor, state, volts, resting):
     def step(state, frame):
         dt, supply = jnp.asarray(1.0 / RATE), jnp.asarray(jnp.nan)
-        state, reading = pressure_update(sensor, state, dt, frame[0], supply, frame[1])
+        state, reading = sensor.filtered(state, dt, frame[0], supply, frame[1])
         return state, (reading.leaking, reading.leak_rate_1_s, reading.leak_rate_sigma_1_s)
 
     return jax.lax.scan(step, state, (volts, resting))
@@ -84,7 +83,7 @@ def scan_frames(sensor, volts, resting):
     fill = -n % CHUNK
     volts = np.concatenate([volts, np.full((fill, k), np.nan)])
     resting = np.append(resting, np.zeros(fill, bool))
-    state, parts = pressure_init(sensor), []
+    state, parts = sensor.init(), []
     for begin in range(0, n, CHUNK):
         state, part = scan_chunk(sensor, state, volts[begin : begin + CHUNK], resting[begin : begin + CHUNK])
         parts.append(part)

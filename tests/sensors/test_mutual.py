@@ -17,19 +17,25 @@ from made_sensors import mutual_grid
 from softfuse.errors import ConfigError
 from softfuse.experiment.paper.mutual_bed import MutualBed
 from softfuse.sensors.mutual.field import MutualField, Thing
-from softfuse.sensors.mutual.fit import fit_sources, nothing_known
-from softfuse.sensors.mutual.grid import MutualGrid, MutualReading, mutual_init, mutual_update
-from softfuse.sensors.mutual.model import MutualModel, Sources, mutual_signal, source_signals
+from softfuse.sensors.mutual.fit import Splitting, fit_sources, nothing_known
+from softfuse.sensors.mutual.model import MutualModel, Sources, source_signals
+from softfuse.sensors.mutual.sensor import MutualElectrodes, MutualReading
 from softfuse.sensors.mutual.settings import MutualSplittingSettings
 from softfuse.sensors.mutual.touch_tracks import TouchTracks, optimal_assignment, tracks_init
+from softfuse.sensors.parameters import parameters
 
 MM = 1e-3
 ALL = jnp.ones((4, 4), bool)
-SPLITTING = MutualSplittingSettings().splitting()
+SPLITTING = parameters(Splitting, MutualSplittingSettings())
 Things = Callable[[float], list[Thing]]
 
 
-def grid_of(model: MutualModel) -> MutualGrid:
+def mutual_signal(model: MutualModel, sources: Sources):
+    """Image (c, r) [counts] of n sources."""
+    return jnp.sum(source_signals(model, sources), axis=0).reshape(model.gain.shape)
+
+
+def grid_of(model: MutualModel) -> MutualElectrodes:
     """A grid with that model and else the usual."""
     return replace(mutual_grid(model.column_x_m, model.row_y_m), model=model)
 
@@ -44,20 +50,20 @@ def model(calibrated_grid) -> MutualModel:
 
 
 @pytest.fixture(scope="module")
-def grid(model: MutualModel) -> MutualGrid:
+def grid(model: MutualModel) -> MutualElectrodes:
     """With that model."""
     return grid_of(model)
 
 
 @jax.jit
-def _all_frames(grid: MutualGrid, counts):
+def _all_frames(grid: MutualElectrodes, counts):
     def frame(state, now):
-        return mutual_update(grid, state, jnp.asarray(0.01), now)
+        return grid.filtered(state, jnp.asarray(0.01), now)
 
-    return jax.lax.scan(frame, mutual_init(grid), counts)[1]
+    return jax.lax.scan(frame, grid.init(), counts)[1]
 
 
-def seen_by(grid: MutualGrid, bed: MutualBed, things: Things, change=lambda c: c) -> MutualReading:
+def seen_by(grid: MutualElectrodes, bed: MutualBed, things: Things, change=lambda c: c) -> MutualReading:
     """What a grid says in 3 s at 100 Hz under the things of each time [s]."""
     time = 0.01 * np.arange(300)
     counts = bed.counts(time, [things(t) for t in time]).astype(float)
@@ -65,7 +71,7 @@ def seen_by(grid: MutualGrid, bed: MutualBed, things: Things, change=lambda c: c
 
 
 @pytest.fixture(scope="module")
-def seen_under(grid: MutualGrid) -> Callable[..., MutualReading]:
+def seen_under(grid: MutualElectrodes) -> Callable[..., MutualReading]:
     """seen_under(things): what the usual grid says."""
     return lambda *given: seen_by(grid, BED, *given)
 
@@ -222,10 +228,10 @@ def test_noise_and_drift_alone_are_no_touch_in_100_000_frames(grid) -> None:
     @jax.jit
     def run(counts):
         def frame(state, given):
-            state, seen = mutual_update(grid, state, jnp.asarray(0.01), given)
+            state, seen = grid.filtered(state, jnp.asarray(0.01), given)
             return state, (jnp.sum(seen.tracks.touching), jnp.sum(seen.tracks.there))
 
-        return jax.lax.scan(frame, mutual_init(grid), counts)[1]
+        return jax.lax.scan(frame, grid.init(), counts)[1]
 
     touching, there = run(counts)
     assert int(touching.sum()) == 0
@@ -252,11 +258,11 @@ def test_gradients_are_finite_and_those_of_the_fit(grid, model) -> None:
         np.testing.assert_allclose(shift, np.eye(2), atol=1e-3)
 
     def total(counts):
-        _, seen = mutual_update(grid, settled, jnp.asarray(0.01), counts)
+        _, seen = grid.filtered(settled, jnp.asarray(0.01), counts)
         return jnp.sum(seen.tracks.place_m) + jnp.sum(seen.tracks.shield)
 
     rest = BED.counts_of(0.01 * np.arange(50), np.zeros((50, 4, 4))).astype(float)
-    settled = mutual_init(grid)
+    settled = grid.init()
     settled = eqx.tree_at(
         lambda s: (s.array.baseline_counts, s.array.baseline_frames),
         settled,
@@ -273,9 +279,9 @@ def test_a_frame_is_compiled_once(grid) -> None:
     @jax.jit
     def update(state, counts):
         traced.append(1)
-        return mutual_update(grid, state, jnp.asarray(0.01), counts)[0]
+        return grid.filtered(state, jnp.asarray(0.01), counts)[0]
 
-    state = mutual_init(grid)
+    state = grid.init()
     for things in ([], [], [Thing((0.0, 0.0))], [Thing((0.0, 0.0), 0.0, 3.0)], []):
         state = update(state, jnp.asarray(BED.counts(np.zeros(1), [things])[0], float))
     assert len(traced) == 1

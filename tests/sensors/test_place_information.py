@@ -5,11 +5,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_sensors import mutual_model, peak_model
+from made_sensors import fit_anew, mutual_model, peak_model, peak_signal
 from scipy.optimize import least_squares
 
-from softfuse.sensors.crossed.peak_fit import fit_peak
-from softfuse.sensors.crossed.peak_model import peak_signal
 from softfuse.sensors.mutual.model import one_signal
 from softfuse.sensors.place_information import charge_of, place_told_by_grid, place_told_by_lines
 
@@ -31,7 +29,7 @@ def test_lines_promise_what_a_fit_finds() -> None:
     amplitude = jnp.full(2, charge / 8e-3**2)
     for place, told in zip(PLACES, place_told_by_lines(model, charge, PLACES), strict=True):
         signal = peak_signal(model, place, amplitude, jnp.zeros(2), model.radius_m, jnp.zeros(()))
-        fit = fit_peak(model, signal, jnp.ones(16, bool))
+        fit = fit_anew(model, signal, jnp.ones(16, bool))
         np.testing.assert_allclose(fit.location_m, place, atol=1e-6)
         np.testing.assert_allclose(
             np.linalg.inv(told), fit.covariance_m2, rtol=1e-3, atol=1e-6 * told.max() ** -1

@@ -5,10 +5,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from made_sensors import nxp
+from made_sensors import nxp, raw_of
 
-from softfuse.sensors.pressure.filter import pressure_init, pressure_of, pressure_update, raw_of
-from softfuse.sensors.pressure.sensor import TareSettings
+from softfuse.sensors.pressure.settings import TareSettings
 
 DT = 0.01
 STEP_V = 5.0 / 4096
@@ -23,9 +22,9 @@ def run(sensor, volts, resting, supply):
     dt = jnp.full(volts.shape[0], DT).at[0].set(0.0)
 
     def step(state, frame):
-        return pressure_update(sensor, state, *frame)
+        return sensor.filtered(state, *frame)
 
-    return jax.lax.scan(step, pressure_init(sensor), (dt, volts, supply, resting))[1]
+    return jax.lax.scan(step, sensor.init(), (dt, volts, supply, resting))[1]
 
 
 def read(sensor, volts, resting, supply=np.nan):
@@ -56,11 +55,11 @@ def test_the_ends_of_the_range_are_those_of_the_data_sheet():
     a, d = nxp("MPX5100A", 2), nxp("MPX5100D", 2)
     np.testing.assert_allclose(raw_of(a, jnp.asarray([15e3, 115e3]), FIVE), [0.2, 4.7], rtol=1e-12)
     np.testing.assert_allclose(raw_of(d, jnp.asarray([0.0, 100e3]), FIVE), [0.2, 4.7], rtol=1e-12)
-    np.testing.assert_allclose(pressure_of(d, jnp.asarray([0.245, 2.45]), FIVE), [1e3, 50e3], rtol=1e-12)
+    np.testing.assert_allclose(d.pressure_of(jnp.asarray([0.245, 2.45]), FIVE), [1e3, 50e3], rtol=1e-12)
     np.testing.assert_allclose(
-        pressure_of(nxp("MPX5100G", 1), jnp.asarray([2.352]), jnp.asarray(4.8)), [50e3], rtol=1e-12
+        nxp("MPX5100G", 1).pressure_of(jnp.asarray([2.352]), jnp.asarray(4.8)), [50e3], rtol=1e-12
     )
-    back = pressure_of(a, raw_of(a, jnp.asarray([20e3, 99e3]), jnp.asarray(5.1)), jnp.asarray(5.1))
+    back = a.pressure_of(raw_of(a, jnp.asarray([20e3, 99e3]), jnp.asarray(5.1)), jnp.asarray(5.1))
     np.testing.assert_allclose(back, [20e3, 99e3], rtol=1e-12)
 
 

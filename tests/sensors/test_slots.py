@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softfuse.errors import ConfigError
-from softfuse.sensors.slots import assign_slots, slots_init
+from softfuse.sensors.contact_places import assign_slots, slots_init
 
 
 def follow(frames, slots, electrodes=12):

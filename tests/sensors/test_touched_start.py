@@ -8,7 +8,7 @@ import pytest
 from suites import PAD, run, suite_of, two_presses
 
 from softfuse.sensors.capacitive import array_init, array_signal
-from softfuse.sensors.crossed.touched_start import known_baseline
+from softfuse.sensors.crossed.touch import known_baseline
 from softfuse.sensors.suite import SensorSuite
 
 PLAIN = suite_of(PAD)

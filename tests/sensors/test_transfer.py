@@ -4,12 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_sensors import chambered, raw_of
 from pydantic import ValidationError
 from sensor_tables import settings_of
 
 from softfuse.sensors.pressure.data_sheets import PRESSURE_PARTS
-from softfuse.sensors.pressure.filter import pressure_of, raw_of
-from softfuse.sensors.pressure.sensor import PressureSettings
+from softfuse.sensors.pressure.settings import PressureSettings
 
 SPAN = {"range": ["-1 kPa", "3 kPa"]}
 
@@ -41,10 +41,10 @@ def pressure(**keys: Any) -> PressureSettings:
 )
 def test_outputs_are_those_of_the_data_sheets(part: str, kPa: float, output: float) -> None:
     settings = pressure(part=part, **(SPAN if "-" in part else {}))
-    sensor = settings.filter(101325.0)
+    sensor = settings.sensor(chambered(settings.chambers, drive=0))
     reference = sensor.reference
     assert float(raw_of(sensor, np.array([1e3 * kPa]), reference)[0]) == pytest.approx(output, rel=1e-9)
-    assert float(pressure_of(sensor, np.array([output]), reference)[0]) == pytest.approx(1e3 * kPa)
+    assert float(sensor.pressure_of(np.array([output]), reference)[0]) == pytest.approx(1e3 * kPa)
     low, high = settings.range
     ends = np.asarray(raw_of(sensor, np.array([low, high]), reference))
     # The whole range can be read.
@@ -63,7 +63,7 @@ def test_constants_stand_for_those_of_the_part() -> None:
         output="counts", slope="2 Pa^-1", offset=10.0, range=["0 Pa", "5 kPa"], reference=1.0, low=0.0,
         high=20000.0, noise=3.0, bits=16, full_scale=65536.0, absolute=False,
     )  # fmt: skip
-    sensor = own.filter(101325.0)
+    sensor = own.sensor(chambered(own.chambers, drive=0))
     assert float(raw_of(sensor, np.array([500.0]), sensor.reference)[0]) == 1010.0
 
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.stats import truncnorm
 
-from softfuse.sensors.truncated_place import within
+from softfuse.sensors.contact_places import within
 
 BOX = jnp.array([[-0.03, -0.02], [0.03, 0.02]])
 

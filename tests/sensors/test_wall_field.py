@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import root_scalar
 
-from softfuse.sensors.crossed.wall_field import disc_density, wall_density
+from softfuse.sensors.crossed.diamond_array import disc_density, wall_density
 
 
 def exact(xi: float) -> float:

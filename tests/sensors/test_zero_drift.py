@@ -6,7 +6,7 @@ from made_sensors import d6f_p0001a1
 
 from softfuse.sensors.zero_drift import observe_zero, predict_zero, zero_prior, zero_variance
 
-DRIFT = d6f_p0001a1(1).drift
+DRIFT = d6f_p0001a1(1).zero_drift
 
 
 def wander(rng, steps, dt, runs):

@@ -2,7 +2,7 @@
 
 State x = (u, p, b, m, δ): drives u (D,), places p (P,) along the tangents of each contact, by how much what
 sees these is off b (P,), what the model misses of each of k readings m (k,), and what each sensor drifts by,
-δ (3,), see `sensors.reading_drift`. A frame, and what sees contacts at p̂, say
+δ (3,), see `sensors.zero_drift`. A frame, and what sees contacts at p̂, say
 
     y − s(u₀, p₀) + W u₀ + G p₀ = W u + G p + m + diag(ρ) δ₃ + v,    p̂ = p + b + w.
 
@@ -26,7 +26,7 @@ from scipy.linalg import block_diag
 from softfuse.estimation.smoothing.normal import Change, Normal, Reading, Step
 from softfuse.estimation.smoothing.process import Process
 from softfuse.estimation.tracked import Evidence
-from softfuse.sensors.reading_drift import DriftModel
+from softfuse.sensors.zero_drift import DriftModel
 
 _UNIT_V = 1e-3
 """Of δ in the state: drifts are some millivolts."""

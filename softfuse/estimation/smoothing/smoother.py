@@ -22,7 +22,7 @@ from softfuse.estimation.smoothing.process import DEFAULT_PROCESS, Process
 from softfuse.estimation.tracked import Evidence, Tracked, along_axes
 from softfuse.estimation.tracker import Tracker
 from softfuse.functional.chart import moved
-from softfuse.sensors.reading_drift import ReadingDrift
+from softfuse.sensors.zero_drift import ReadingDrift
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,11 +26,6 @@ class ArrayPose(eqx.Module):
     sigma_factor: Float[Array, ""]
     dent_part: Float[Array, ""]
 
-    @classmethod
-    def as_drawn(cls) -> "ArrayPose":
-        """In its place, with the spread that the fit promises."""
-        return cls(jnp.zeros(2), jnp.zeros(()), jnp.ones(2), jnp.ones(()), jnp.zeros(()))
-
     def on_body(self, location_m: Float[Array, "2"]) -> Float[Array, "2"]:
         """Where on the body (2,) m a place in the array's coordinates (2,) m is."""
         return self.shift_m + self._turned @ location_m

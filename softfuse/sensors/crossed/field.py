@@ -12,6 +12,14 @@ into it; what then counts is where the electrodes are under it. This is independ
 `sensors.diamond_array`, which takes the charge under a plane's edge for that under a cylinder's. Not
 modelled: wires, the table below, the change of permittivity from silicone to air. Source: Harrington, Field
 Computation by Moment Methods, 1968, ch. 2.
+
+A square of side a in a plane, with the charge 1 C spread evenly over it, has at the place (x, y, z) from its
+middle the potential
+
+    φ = 1/(4πε a²) Σ± ± [u ln(v + r) + v ln(u + r) − z atan(u v/(z r))],  r² = u² + v² + z²,
+
+summed over its corners (u, v) = (x ± a/2, y ± a/2) with the sign of their product. Source: Hess and Smith,
+Prog. Aeronaut. Sci. 8 (1967) 1, for constant sources; Harrington. Far away it is that of a point, 1/(4πε r).
 """
 
 from dataclasses import dataclass
@@ -19,13 +27,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from softfuse.sensors.crossed.panel_potential import own_potential, point_potential, square_potential
-
 _TURN = np.sqrt(0.5)
 _RIM_PIECES = 8
 """Pieces along each side of a square that the rim of the cylinder's bottom may cut."""
 _LEAST_SHARE = 0.02
 """Part of such a square that must lie on the bottom for it to count."""
+_IN_PLANE_M = 1e-9
+"""Height above the plane of a square that is none: the terms in z need one."""
 _STRETCH = 1.35
 """By which the rings of squares on the cylinder's wall grow upwards."""
 
@@ -204,3 +212,33 @@ def _cylinder(settings: FieldSettings) -> tuple[Float[np.ndarray, "t 3"], Float[
     area = np.repeat(np.diff(heights), settings.around) * 2.0 * np.pi * radius / settings.around
     sides = np.concatenate([side * np.sqrt(share[kept]), np.sqrt(area)])
     return np.concatenate([bottom, wall]), sides, len(bottom)
+
+
+def square_potential(
+    offset: Float[np.ndarray, "*n 3"], side: Float[np.ndarray, "*n"], permittivity: float
+) -> Float[np.ndarray, "*n"]:
+    """Potential (*n) [V/C] at offsets (*n, 3) m from the middles of squares of sides (*n) m.
+
+    Squares lie across z, their sides along x and y; permittivity in F/m.
+    """
+    x, y = offset[..., 0], offset[..., 1]
+    z = np.maximum(np.abs(offset[..., 2]), _IN_PLANE_M)
+    total = np.zeros(np.broadcast_shapes(x.shape, side.shape))
+    for sign_u in (-1.0, 1.0):
+        for sign_v in (-1.0, 1.0):
+            u, v = x + 0.5 * sign_u * side, y + 0.5 * sign_v * side
+            r = np.sqrt(u * u + v * v + z * z)
+            corner = u * np.log(v + r) + v * np.log(u + r) - z * np.arctan(u * v / (z * r))
+            total += sign_u * sign_v * corner
+    return total / (4.0 * np.pi * permittivity * side**2)
+
+
+def point_potential(offset: Float[np.ndarray, "*n 3"], permittivity: float) -> Float[np.ndarray, "*n"]:
+    """Potential (*n) [V/C] at offsets (*n, 3) m from points; infinite at the point itself."""
+    with np.errstate(divide="ignore"):
+        return 1.0 / (4.0 * np.pi * permittivity * np.linalg.norm(offset, axis=-1))
+
+
+def own_potential(side: Float[np.ndarray, "*n"], permittivity: float) -> Float[np.ndarray, "*n"]:
+    """Potential (*n) [V/C] in the middle of squares of sides (*n) m: ln(1 + √2)/(π ε a)."""
+    return np.log(1.0 + np.sqrt(2.0)) / (np.pi * permittivity * side)

@@ -1,18 +1,20 @@
 """A contact's location followed from frame to frame: the fit of `peak_model`, begun where the last one ended.
 
-While something is near, two steps of Gauss and Newton (damped only after one that failed) take the last
-frame's unknowns to this frame's minimum. The response f(q) does not depend on the signals, so that f and its
-derivatives at the first step's end serve three times: for the second step, for the covariance, and for the
-next frame's first step: one evaluation a frame is mostly all that it costs. `descend`, which begins anew,
-takes over when something comes near.
+A fit that begins anew starts at the profile's coarse middle and takes a fixed number of Levenberg-Marquardt
+steps (`descend`). While something is near, two steps of Gauss and Newton (damped only after one that failed)
+take the last frame's unknowns to this frame's minimum instead. The response f(q) does not depend on the
+signals, so that f and its derivatives at the first step's end serve three times: for the second step, for the
+covariance, and for the next frame's first step: one evaluation a frame is mostly all that it costs.
 
-What the followed fit does not explain, a misfit above `outlier` or a step that still moves, is searched for
-an electrode that lies, with one fit a frame: all electrodes, anew; then all but the first, all but the second
-and so on, from the coarse middle that the others tell and in few steps; then, anew and in full, without the
-one whose absence left least. That electrode is named when its absence mends the fit (`MENDED`), and this fit
-goes on; else the round begins again. So e electrodes take e + 1 frames from the first with a misfit: of 16,
-one that lies is named 17 frames later, 0.17 s at 100 Hz. Until then the location is that of all electrodes,
-with a covariance that grows with the misfit. A frame that the fit explains takes the round one fit back.
+An electrode that lies (a broken trace that no longer answers, a reading that is stuck since the touch) has
+too much leverage on eight unknowns for a robust cost to help. So what the followed fit does not explain, a
+misfit above `outlier` or a step that still moves, is searched for one, with one fit a frame: all electrodes,
+anew; then all but the first, all but the second and so on, from the coarse middle that the others tell and in
+few steps; then, anew and in full, without the one whose absence left least. That electrode is named when its
+absence mends the fit (`_MENDED`), and this fit goes on; else the round begins again. So e electrodes take
+e + 1 frames from the first with a misfit: of 16, one that lies is named 17 frames later, 0.17 s at 100 Hz.
+Until then the location is that of all electrodes, with a covariance that grows with the misfit. A frame that
+the fit explains takes the round one fit back.
 """
 
 import equinox as eqx
@@ -20,7 +22,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from softfuse.sensors.crossed.peak_fit import MENDED, coarse_unknowns, descend
 from softfuse.sensors.crossed.peak_model import (
     SHAPE,
     UNKNOWNS,
@@ -36,10 +37,96 @@ from softfuse.sensors.crossed.peak_model import (
     peak_shape,
 )
 
+_MENDED = 0.3
+"""Of the residual, a tenth of its square: what is left when a lying electrode is left out."""
+_FIRST_DAMPING = 1.0  # of the diagonal, beginning anew: a start up to half a pitch off does not overshoot
 _SETTLED = 5e-3  # of the pitch: a last step below it has converged, its error is its square
 _CLOSE = 5e-4  # of the pitch, 4 um of 8 mm: what a last step below it leaves to go is a fraction of it
 _DAMPING = 1e-3  # of the diagonal, after a step that failed
 _BRIEF_STEPS = 4  # enough to tell which electrode's absence helps most
+
+
+def coarse_location(
+    position_m: Float[Array, " n"], signal: Float[Array, " n"], valid: Bool[Array, " n"]
+) -> Float[Array, ""]:
+    """Centroid of the strongest three neighbouring electrodes, a start that one spike cannot mislead.
+
+    Args: position_m (n,) [m]; signal (n,) [counts]; valid (n,), invalid electrodes are filled from their
+    neighbours.
+    Returns: coordinate [m].
+    """
+    weight = jnp.where(valid, jnp.maximum(signal, 0.0), 0.0)
+
+    def neighbours(v):
+        padded = jnp.pad(v, 1)
+        return padded[:-2], padded[2:]
+
+    below, above = neighbours(weight)
+    known_below, known_above = neighbours(valid.astype(weight.dtype))
+    filled = jnp.where(valid, weight, (below + above) / jnp.maximum(known_below + known_above, 1.0))
+    below, above = neighbours(filled)
+    # The second largest of three is blind to a spike on a single electrode.
+    median = below + filled + above - jnp.maximum(jnp.maximum(below, filled), above)
+    median = median - jnp.minimum(jnp.minimum(below, filled), above)
+    peak = jnp.argmax(median + 1e-3 * (below + filled + above))
+    near = jnp.abs(jnp.arange(position_m.shape[0]) - peak) <= 1
+    weight = jnp.where(near, filled, 0.0)
+    total = jnp.sum(weight)
+    centroid = jnp.sum(weight * position_m) / jnp.where(total > 0, total, 1.0)
+    return jax.lax.stop_gradient(jnp.where(total > 0, centroid, jnp.mean(position_m)))
+
+
+def coarse_unknowns(
+    model: PeakModel, shape: PeakShape, signal: Float[Array, " e"], valid: Bool[Array, " e"]
+) -> tuple[Float[Array, "8"], LinearShape]:
+    """Unknowns (8,) to begin with: coarse location, nominal cylinder, amplitudes by least squares; and the
+    response about them.
+    """
+    rows = model.row_y_m.shape[0]
+    x = coarse_location(model.column_x_m, signal[rows:], valid[rows:])
+    y = coarse_location(model.row_y_m, signal[:rows], valid[:rows])
+    zero = jnp.zeros_like(x)
+    linear = shape.linear(jnp.stack([x, y, model.radius_m, zero]))
+
+    def amplitude(f, s, v):
+        f = jnp.where(v, f, 0.0)
+        return jnp.sum(f * jnp.where(v, s, 0.0)) / (jnp.sum(f * f) + 1e-12)
+
+    f = linear.response
+    a_row = amplitude(f[:rows], signal[:rows], valid[:rows])
+    a_col = amplitude(f[rows:], signal[rows:], valid[rows:])
+    return jnp.stack([x, y, a_row, a_col, zero, zero, model.radius_m, zero]), linear
+
+
+def descend(
+    shape: PeakShape,
+    evidence: Evidence,
+    z: Float[Array, "8"],
+    linear: LinearShape,
+    steps: int,
+) -> tuple[Float[Array, "8"], LinearShape, Float[Array, ""]]:
+    """Levenberg-Marquardt steps down from z, near which the response is known.
+
+    Returns: unknowns z (8,), the response about them, and the length of the last accepted step of the
+    location [m].
+    """
+
+    def step(carry, _):
+        z, linear, residual, damping, last = carry
+        delta = evidence.step(z, residual, evidence.jacobian(z, linear), damping)
+        trial = z + delta
+        there = shape.linear((trial * evidence.scale)[SHAPE])
+        left = evidence.residual(trial, there.response)
+        better = evidence.cost(trial, left) <= evidence.cost(z, residual)
+        moved = jnp.hypot(delta[0] * evidence.scale[0], delta[1] * evidence.scale[1])
+        after = (trial, there, left, 0.1 * damping, moved)
+        before = (z, linear, residual, 10.0 * damping, last)
+        return jax.tree.map(lambda new, old: jnp.where(better, new, old), after, before), None
+
+    residual = evidence.residual(z, linear.at((z * evidence.scale)[SHAPE]))
+    first = (z, linear, residual, *(jnp.asarray(value, z.dtype) for value in (_FIRST_DAMPING, jnp.inf)))
+    (z, linear, _, _, moved), _ = jax.lax.scan(step, first, None, length=steps)
+    return z, linear, moved
 
 
 class PeakTrack(eqx.Module):
@@ -124,12 +211,12 @@ def follow_peak(
         judging = turn > e
         taking = jnp.where(judging, without(suspect), valid)
         found, _ = anew(taking, model.iterations)
-        mends = judging & (found.rms < MENDED * whole.rms)
+        mends = judging & (found.rms < _MENDED * whole.rms)
         chosen = _chosen(mends, found, _chosen(judging, whole, _lower(found, whole)))
         return chosen, jnp.where(mends, taking, valid)
 
     found, honest = jax.lax.cond(~explained & ~one_left_out, full, lambda: (whole, valid))
-    fit = peak_found(model, evidence_of(model, signal, honest, track.unknowns), found)
+    fit = peak_found(evidence_of(model, signal, honest, track.unknowns), found)
     later = PeakTrack(
         known=jnp.all(jnp.isfinite(fit.unknowns)),
         unknowns=fit.unknowns,

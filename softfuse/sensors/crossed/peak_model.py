@@ -28,14 +28,13 @@ from softfuse.sensors.crossed.diamond_array import (
     array_points,
     array_response,
     array_slopes,
-    line_points,
     mean_pitch,
 )
 
 SHAPE = np.array([0, 1, 6, 7])
 """x, y, R, g among the unknowns."""
 UNKNOWNS = 8
-LEAST_DEPTH = 0.3
+_LEAST_DEPTH = 0.3
 """Of the electrode's own depth: a negative gap means a dented body, not a pierced one."""
 _WEAK_PRIOR = 1e-2
 
@@ -81,38 +80,15 @@ class PeakFit(eqx.Module):
     """(8,) see the module's docstring."""
     covariance_m2: Float[Array, "2 2"]
     """(2, 2) covariance of the location from noise, model misfit and priors [m^2]."""
-    noise_covariance_m2: Float[Array, "2 2"]
-    """(2, 2) covariance of the location from the counts' noise alone [m^2]: its scatter between frames."""
     widening: Float[Array, ""]
     """By how much, at least 1, the misfit makes the covariance larger (Birge's ratio) [-]."""
-    gap_m: Float[Array, ""]
-    """Gap beyond the nominal depth [m]."""
     residual_counts: Float[Array, ""]
     """Root mean square residual over the valid electrodes [counts]."""
-    chi_squared: Float[Array, ""]
-    """Minimum of what the module's docstring says."""
-    step_m: Float[Array, ""]
-    """Length of the last accepted step of the location [m]: tells whether the fit has converged."""
 
     @property
     def location_m(self) -> Float[Array, "2"]:
         """(2,) x, y [m]."""
         return self.unknowns[..., :2]
-
-    @property
-    def amplitude_counts(self) -> Float[Array, "2"]:
-        """(2,) amplitude of rows, columns [counts]."""
-        return self.unknowns[..., 2:4]
-
-    @property
-    def offset_counts(self) -> Float[Array, "2"]:
-        """(2,) offset of rows, columns [counts]."""
-        return self.unknowns[..., 4:6]
-
-    @property
-    def radius_m(self) -> Float[Array, ""]:
-        """Radius [m]."""
-        return self.unknowns[..., 6]
 
 
 class PeakShape(eqx.Module):
@@ -130,11 +106,11 @@ class PeakShape(eqx.Module):
         """The response and its derivatives at q."""
         response, slopes = array_slopes(self.points, q[:2], q[2], self._depth(q[3]))
         # A gap that would leave less than the least depth moves nothing.
-        moves = self.depth_m + q[3] > LEAST_DEPTH * self.depth_m
+        moves = self.depth_m + q[3] > _LEAST_DEPTH * self.depth_m
         return LinearShape(q, response, slopes.at[:, 3].multiply(moves))
 
     def _depth(self, gap_m: Float[Array, ""]) -> Float[Array, " e"]:
-        return jnp.maximum(self.depth_m + gap_m, LEAST_DEPTH * self.depth_m)
+        return jnp.maximum(self.depth_m + gap_m, _LEAST_DEPTH * self.depth_m)
 
 
 class LinearShape(eqx.Module):
@@ -161,29 +137,9 @@ def peak_shape(model: PeakModel) -> PeakShape:
 @eqx.filter_jit
 def line_shape(model: PeakModel) -> PeakShape:
     """The same, differentiable in the model."""
-    rows = line_points(model.row_y_m, model.column_x_m, model.row_rim_m)
-    columns = line_points(model.column_x_m, model.row_y_m, model.column_rim_m)
+    points = array_points(model.row_y_m, model.column_x_m, model.row_rim_m, model.column_rim_m)
     depth = peak_layers(model) @ jnp.stack([model.row_depth_m, model.column_depth_m])
-    return PeakShape(array_points(rows, columns, mean_pitch(model.row_y_m)), depth)
-
-
-def peak_signal(
-    model: PeakModel,
-    location_m: Float[Array, "2"],
-    amplitude_counts: Float[Array, "2"],
-    offset_counts: Float[Array, "2"],
-    radius_m: Float[Array, ""],
-    gap_m: Float[Array, ""],
-) -> Float[Array, " e"]:
-    """Signal of all electrodes, rows first, for a cylinder standing on the body.
-
-    Args: location_m (2,) [m]; amplitude_counts (2,), offset_counts (2,) of rows, columns [counts]; radius_m,
-    gap_m [m].
-    Returns: signal (r + c,) [counts].
-    """
-    response = peak_shape(model)(jnp.append(location_m, jnp.stack([radius_m, gap_m])))
-    layer = peak_layers(model)
-    return layer @ amplitude_counts * response + layer @ offset_counts
+    return PeakShape(points, depth)
 
 
 def peak_layers(model: PeakModel) -> Float[Array, "e 2"]:
@@ -323,23 +279,17 @@ def minimum_at(
     return Minimum(z, shape, residual, evidence.jacobian(z, shape), cost, moved_m, none)
 
 
-def peak_found(model: PeakModel, evidence: Evidence, found: Minimum) -> PeakFit:
+def peak_found(evidence: Evidence, found: Minimum) -> PeakFit:
     """The cylinder at a minimum and how well it is known."""
-    scale, jacobian = evidence.scale, found.jacobian
-    p = found.z * scale
-    inverse = jnp.linalg.inv(evidence.information(jacobian)) * scale[:, None] * scale[None, :]
-    gain = (inverse[:2] / scale) @ jacobian.T * (model.noise_counts / evidence.sigma)
+    scale = evidence.scale
+    inverse = jnp.linalg.inv(evidence.information(found.jacobian)) * scale[:, None] * scale[None, :]
     count = jnp.sum(evidence.weight > 0.0)
     # A misfit beyond the expected one widens the covariance in proportion.
     widening = jnp.maximum(1.0, found.cost / jnp.maximum(count - UNKNOWNS, 1))
     mean_square = jnp.sum(found.residual**2) / jnp.maximum(count, 1)
     return PeakFit(
-        unknowns=p,
+        unknowns=found.z * scale,
         covariance_m2=widening * inverse[:2, :2],
-        noise_covariance_m2=gain @ gain.T,
         widening=widening,
-        gap_m=jnp.maximum(p[7], (LEAST_DEPTH - 1.0) * model.column_depth_m),
         residual_counts=jnp.sqrt(mean_square) * evidence.sigma,
-        chi_squared=found.cost,
-        step_m=found.moved_m,
     )

@@ -33,12 +33,13 @@ from softfuse.sensors.crossed.peak_model import PeakModel
 from softfuse.sensors.crossed.touch import (
     TouchDetector,
     TouchState,
+    known_baseline,
+    starts_touched,
     touch_begun,
     touch_init,
     touch_strength,
     touch_update,
 )
-from softfuse.sensors.crossed.touched_start import known_baseline, starts_touched
 
 
 class CrossedReading(eqx.Module):
@@ -97,10 +98,6 @@ class CrossedElectrodes(AbstractContactSensor):
     location.
     """
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    contact: str = eqx.field(static=True)
-    slots: int = eqx.field(static=True)
     weighted_mean: bool = eqx.field(static=True)
     array: CapacitiveArray
     peak: PeakModel
@@ -121,7 +118,7 @@ class CrossedElectrodes(AbstractContactSensor):
         return Image(np.asarray(details.image).T, x_m, y_m)
 
     def init(self):
-        """Untouched, unless `touched_start` tells."""
+        """Untouched, unless the first frame tells."""
         return CrossedState(
             array_init(len(self.channels)),
             touch_init(),
@@ -132,7 +129,7 @@ class CrossedElectrodes(AbstractContactSensor):
     def touch(self, state, frame, raw, hint):
         """By the strength of the signals, in counts (r + c,), and gas that is squeezed."""
         rows = self.peak.row_y_m.shape[0]
-        begun = starts_touched(self.array, self.detector, state.array, raw[:rows], raw[rows:])
+        begun = starts_touched(self.array, self.detector, state.array, raw, rows)
 
         def if_begun(one, other):
             return jax.tree.map(lambda a, b: jnp.where(begun, a, b), one, other)

@@ -13,7 +13,6 @@ from annotated_types import Ge, Gt, Le, Lt
 from jaxtyping import Array, Float
 from pydantic import BeforeValidator, model_validator
 
-from softfuse.functional.chart import FlatChart
 from softfuse.io.quantity import (
     Angle,
     Length,
@@ -30,10 +29,9 @@ from softfuse.sensors.crossed.field import ArrayField, CrossedLines, FieldSettin
 from softfuse.sensors.crossed.peak_model import PeakModel
 from softfuse.sensors.crossed.sensor import CrossedElectrodes
 from softfuse.sensors.crossed.touch import TouchDetector
-from softfuse.sensors.electronics import equal_channels
-from softfuse.sensors.parts import Parts
+from softfuse.sensors.parameters import parameters
 from softfuse.sensors.place_information import charge_of, place_told_by_lines
-from softfuse.sensors.true_contact import TrueContact, coordinates, face_height, flat_chart
+from softfuse.sensors.true_contact import TrueContact, coordinates, face_height
 
 Fraction = Annotated[Number, Gt(0), Lt(1)]
 
@@ -75,17 +73,7 @@ class TouchSettings(Settings):
 
     def detector(self, noise_counts: float) -> TouchDetector:
         """The decision on lines of that noise."""
-        return TouchDetector(
-            noise_counts=jnp.asarray(noise_counts, float),
-            near_on_sigma=jnp.asarray(self.near_on_sigma, float),
-            near_off_sigma=jnp.asarray(self.near_off_sigma, float),
-            contact_on_counts=jnp.asarray(self.contact_on_counts, float),
-            flow_sigma=jnp.asarray(self.flow_sigma, float),
-            release_fraction=jnp.asarray(self.release_fraction, float),
-            return_fraction=jnp.asarray(self.return_fraction, float),
-            on_frames=jnp.asarray(self.on_frames, int),
-            off_frames=jnp.asarray(self.off_frames, int),
-        )
+        return parameters(TouchDetector, self, noise_counts=noise_counts)
 
 
 class PeakSettings(Settings):
@@ -119,13 +107,7 @@ class PoseSettings(Settings):
 
     def pose(self) -> ArrayPose:
         """The pose."""
-        return ArrayPose(
-            jnp.array(self.shift, float),
-            jnp.asarray(self.turn, float),
-            jnp.array(self.stretch, float),
-            jnp.asarray(self.sigma_factor, float),
-            jnp.asarray(self.dent_part, float),
-        )
+        return parameters(ArrayPose, self)
 
 
 class CrossedSettings(LineSettings):
@@ -155,8 +137,7 @@ class CrossedSettings(LineSettings):
             if len(lines) < 2:
                 raise wrong_value("an array has at least two lines in each direction", key=key)
         lines = len(self.row_y) + len(self.column_x)
-        if len(self.channels) != lines:
-            raise wrong_value(f"{len(self.channels)} for {lines} lines of row_y and column_x", key="channels")
+        self._count(lines, f"{lines} lines of row_y and column_x")
         baselines = {"row": self.row_baseline, "column": self.column_baseline}
         for name, lines, gain in (
             ("row", self.row_y, self.row_gain),
@@ -180,17 +161,10 @@ class CrossedSettings(LineSettings):
 
     def array(self) -> CapacitiveArray:
         """The electronics of the lines and how their baseline is followed."""
-        baseline, untouched = self.baseline, jnp.full(len(self.row_y) + len(self.column_x), jnp.inf)
+        untouched = jnp.full(len(self.row_y) + len(self.column_x), jnp.inf)
         if self.row_baseline is not None and self.column_baseline is not None:
             untouched = jnp.array([*self.row_baseline, *self.column_baseline], float)
-        return self._array(
-            baseline.time,
-            baseline.creep_time,
-            recovery_time_s=baseline.recovery_time,
-            negative_sigma=baseline.negative_sigma,
-            gain=self.gains(),
-            untouched_counts=untouched,
-        )
+        return self._array(self.baseline, gain=self.gains(), untouched_counts=untouched)
 
     def peak_model(self, radius_m: float) -> PeakModel:
         """The peak that a contact of a radius [m] leaves; the deeper layer collects the flux around the
@@ -199,22 +173,14 @@ class CrossedSettings(LineSettings):
         The rim strip of the deeper layer is as wide as the distance between the layers (the height by which
         the array's side face exposes it), that of the other layer zero.
         """
-        peak, gap = self.peak, self.row_depth - self.column_depth
-        return PeakModel(
-            row_y_m=jnp.asarray(self.row_y, float),
-            column_x_m=jnp.asarray(self.column_x, float),
-            row_depth_m=jnp.asarray(self.row_depth, float),
-            column_depth_m=jnp.asarray(self.column_depth, float),
-            row_rim_m=jnp.asarray(max(gap, 0.0), float),
-            column_rim_m=jnp.asarray(max(-gap, 0.0), float),
-            radius_m=jnp.asarray(radius_m, float),
-            radius_sigma_m=jnp.asarray(peak.radius_sigma, float),
-            gap_sigma_m=jnp.asarray(peak.gap_sigma, float),
-            offset_sigma_counts=jnp.asarray(peak.offset_sigma_counts, float),
-            noise_counts=jnp.asarray(self.noise_counts, float),
-            model_error=jnp.asarray(peak.model_error, float),
-            outlier=jnp.asarray(peak.outlier, float),
-            iterations=peak.iterations,
+        gap = self.row_depth - self.column_depth
+        return parameters(
+            PeakModel,
+            self,
+            self.peak,
+            row_rim_m=max(gap, 0.0),
+            column_rim_m=max(-gap, 0.0),
+            radius_m=radius_m,
         )
 
     def place_information(self, radius_m):
@@ -227,9 +193,6 @@ class CrossedSettings(LineSettings):
             return place_told_by_lines(moved, charge, places)
 
         return told
-
-    def _chart(self, parts: Parts) -> FlatChart:
-        return flat_chart(parts, self.name, self.contact)
 
     def sensor(self, parts):
         """Raises ConfigError for a contact that there is not, or that presses on no flat face."""
@@ -248,10 +211,6 @@ class CrossedSettings(LineSettings):
             jnp.asarray(part.low, float),
             jnp.asarray(part.high, float),
         )
-
-    def functional(self, parts):
-        """None: it sees contacts."""
-        return None
 
     @property
     def _lines(self) -> CrossedLines:
@@ -302,17 +261,12 @@ class CrossedSettings(LineSettings):
         """Lines that differ in gain and parasitic capacitance, and drift."""
         del parts
         count = len(self.channels)
-        return equal_channels(
-            count,
-            nothing=_PARASITIC,
+        return self._electronics(
+            _PARASITIC,
             gain=1.0 + rng.uniform(-_GAIN_BOUND, _GAIN_BOUND, count),
             zero=rng.uniform(-_PARASITIC_BOUND, _PARASITIC_BOUND, count),
             slow_sigma=_SLOW_SIGMA,
             slow_time=_SLOW_TIME_S,
-            noise=self.noise_counts,
-            step=1.0,
-            low=self.lowest_counts,
-            high=self.highest_counts,
         )
 
 

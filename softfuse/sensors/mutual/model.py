@@ -163,8 +163,3 @@ def _with_crosstalk(model: MutualModel, change: Float[Array, "c r"]) -> Float[Ar
 def source_signals(model: MutualModel, sources: Sources) -> Float[Array, "n e"]:
     """Signal of each source at all cells (n, c r) [counts]."""
     return jax.vmap(one_signal, (None, 0, 0, 0))(model, sources.place_m, sources.shield, sources.coupling)
-
-
-def mutual_signal(model: MutualModel, sources: Sources) -> Float[Array, "c r"]:
-    """Image (c, r) [counts] of n sources, first index along x."""
-    return jnp.sum(source_signals(model, sources), axis=0).reshape(model.gain.shape)

@@ -1,68 +1,89 @@
 """A grid of mutual capacitances under a flat face: several contacts, conducting or not, by its image.
 
-Each touch of the grid that has a contact slot is a contact; of those that touch at once, the first keep
-theirs (`slots`). Gas tells in turn what an image hardly can: without flow out of the chambers nothing presses
-harder, so that what seems to has gone.
+Signals above the baseline -> is anything there (a source that explains more of the image than noise can) ->
+the sources of the image -> tracks, which keep their numbers -> baseline for the next frame. The baseline is
+frozen while something touches, creeps while something is near and follows otherwise. Signals of both signs
+are physical, so that a baseline taken with a finger on the grid is not known by its sign: it shows as a touch
+that does not end, and after `longest_touch_s` all baselines are taken anew.
+
+Each track that has a contact slot is a contact; of those that touch at once, the first keep theirs. Gas tells
+in turn what an image hardly can: without flow out of the chambers nothing presses harder, so that what seems
+to has gone.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from softfuse.functional.chart import AbstractChart
 from softfuse.sensors.base import AbstractContactSensor, Evidence, Image, Touch
-from softfuse.sensors.contact_places import chart_places
-from softfuse.sensors.mutual.grid import MutualGrid, MutualReading, MutualState, mutual_init, mutual_update
-from softfuse.sensors.slots import ContactSlots, assign_slots, slots_init
-from softfuse.sensors.truncated_place import within
+from softfuse.sensors.capacitive import ArrayState, CapacitiveArray, array_init, array_signal, track_baseline
+from softfuse.sensors.contact_places import SlotsUsed, assign_slots, chart_places, slots_init, within
+from softfuse.sensors.mutual.fit import MutualFit, Splitting, best_place, fit_sources, no_fit
+from softfuse.sensors.mutual.model import MutualModel
+from softfuse.sensors.mutual.touch_tracks import (
+    TouchFollower,
+    TouchTracks,
+    expected,
+    follow_touches,
+    tracks_init,
+)
 
 _SQUEEZED_SIGMA = 3.0  # of the flow: below, nothing flows
 
 
-class GridReading(eqx.Module):
+class MutualReading(eqx.Module):
     """What the grid says about one frame."""
 
-    grid: MutualReading
-    slots: ContactSlots
+    tracks: TouchTracks
+    """Everything that touches or is near."""
+    slots: SlotsUsed
     """Which track is which contact."""
+    image: Float[Array, "c r"]
+    """(c, r) counts above the baseline, 0 where invalid; first index along x."""
+    fit: MutualFit
+    """The sources of the image."""
+    valid: Bool[Array, "c r"]
+    """(c, r) cells that took part."""
 
-    @property
-    def image(self) -> Float[Array, "c r"]:
-        """(c, r) counts above the baseline, first index along x."""
-        return self.grid.image
 
-
-class GridState(eqx.Module):
+class MutualState(eqx.Module):
     """Memory between frames: of the grid, of the slots (n,), and where their contacts were (n, 2) [m]."""
 
-    grid: MutualState
-    slots: ContactSlots
+    array: ArrayState
+    tracks: TouchTracks
+    slots: SlotsUsed
     at_m: Float[Array, "n 2"]
 
 
 class _Seen(NamedTuple):
     """Memory within a frame."""
 
-    state: GridState
+    state: MutualState
     reading: MutualReading
     lost: Bool[Array, ""]
 
 
 class MutualElectrodes(AbstractContactSensor):
-    """The grid in the chart of the contact that it sees.
+    """The grid in the chart of the contact that it sees; cells are numbered row by row in readings.
 
     `low_m`, `high_m` (2,): where middles of contacts may be [m], in which places are taken to be as far as
     images allow.
     """
 
-    name: str = eqx.field(static=True)
-    channels: tuple[str, ...] = eqx.field(static=True)
-    contact: str = eqx.field(static=True)
-    slots: int = eqx.field(static=True)
-    grid: MutualGrid
+    array: CapacitiveArray
+    model: MutualModel
+    splitting: Splitting
+    follower: TouchFollower
+    near_sigma: Float[Array, ""]
+    """Evidence, as a square root, from which something is there [standard deviations]."""
+    touches: int = eqx.field(static=True)
+    """At most so many are followed, touching or near."""
     chart: AbstractChart
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
@@ -74,7 +95,7 @@ class MutualElectrodes(AbstractContactSensor):
 
     def image(self, details):
         """Of all crossings."""
-        x_m, y_m = (np.asarray(each) for each in (self.grid.model.column_x_m, self.grid.model.row_y_m))
+        x_m, y_m = (np.asarray(each) for each in (self.model.column_x_m, self.model.row_y_m))
         return Image(np.asarray(details.image).T, x_m, y_m)
 
     def init(self):
@@ -82,7 +103,10 @@ class MutualElectrodes(AbstractContactSensor):
         # Contacts that nothing has touched yet wait apart: two in one place would be one.
         share = (jnp.arange(self.slots) + 0.5)[:, None] / self.slots
         waiting = self.low_m + share * (self.high_m - self.low_m)
-        return GridState(mutual_init(self.grid), slots_init(self.slots, self.grid.touches), waiting)
+        return MutualState(*self._untouched(), slots_init(self.slots, self.touches), waiting)
+
+    def _untouched(self) -> tuple[ArrayState, TouchTracks]:
+        return array_init(len(self.channels)), tracks_init(self.touches)
 
     def touch(self, state, frame, raw, hint):
         """By the image of the cells (r c,), row by row, in counts."""
@@ -92,20 +116,56 @@ class MutualElectrodes(AbstractContactSensor):
         squeezed = squeezed | (level.squeezed() > _SQUEEZED_SIGMA)
         if not hint.outflow.size:
             squeezed = jnp.asarray(True)
-        grid, read = mutual_update(self.grid, state.grid, frame.dt_s, raw, squeezed)
-        tracks = read.tracks
-        slots = assign_slots(state.slots, jnp.maximum(tracks.shield, tracks.coupling), tracks.touching)
+        later, read = self.filtered(state, frame.dt_s, raw, squeezed)
         # In the first frame no cell has a baseline yet.
         lost = jnp.where(frame.first, ~jnp.isfinite(raw).all(), ~read.valid.all())
+        near, touching = read.tracks.there.any(), read.tracks.touching.any()
+        return _Seen(later, read, lost), Touch(near, read.slots.used, ~touching, jnp.asarray(False))
+
+    def filtered(
+        self,
+        state: MutualState,
+        dt_s: Float[Array, ""],
+        counts: Float[Array, " e"],
+        squeezed: Bool[Array, ""] | bool = True,
+    ) -> tuple[MutualState, MutualReading]:
+        """One frame, dt_s after the last [s]: counts (r c,) row by row, NaN where missing.
+
+        `squeezed`: something may just press harder; False only where that is known from elsewhere.
+        """
+        model = self.model
+        columns, rows = model.column_x_m.shape[0], model.row_y_m.shape[0]
+        read = array_signal(self.array, state.array, counts)
+        image, valid = (each.reshape(rows, columns).T for each in (read.signal_counts, read.valid))
+        squeezed = jnp.asarray(squeezed)
+        known = expected(model, self.follower, state.tracks, dt_s, squeezed)
+        weight = jnp.where(valid, 1.0 / model.noise_counts, 0.0).ravel()
+        _, _, evidence = best_place(model, image.ravel(), weight)
+        misfit = jnp.sum((image.ravel() * weight) ** 2)
+        # Coupling that cancels shielding leaves more than noise, for their shapes differ: else nothing is
+        # there.
+        fit = jax.lax.cond(
+            (evidence > self.near_sigma**2) | (known.there.any() & (misfit > self.near_sigma**2)),
+            lambda: fit_sources(model, self.splitting, known, image, valid),
+            lambda: no_fit(model, self.touches),
+        )
+        tracks = follow_touches(self.follower, state.tracks, dt_s, known, fit, squeezed)
         near, touching = tracks.there.any(), tracks.touching.any()
-        seen = _Seen(GridState(grid, slots, state.at_m), read, lost)
-        return seen, Touch(near, slots.used, ~touching, jnp.asarray(False))
+        array = track_baseline(self.array, state.array, dt_s, counts, near, touching)
+        overlong = jnp.any(tracks.touched_s > self.follower.longest_touch_s)
+        array, later = jax.tree.map(
+            lambda anew, on: jnp.where(overlong, anew, on), self._untouched(), (array, tracks)
+        )
+        later = replace(later, last_number=tracks.last_number)
+        slots = assign_slots(state.slots, jnp.maximum(tracks.shield, tracks.coupling), tracks.touching)
+        reading = MutualReading(tracks, slots, image, fit, valid)
+        return MutualState(array, later, slots, state.at_m), reading
 
     def locate(self, state, frame, context, squeezed_m3):
         """In the workspace as far as the image allows."""
         del frame, context, squeezed_m3
         before, read = state.state, state.reading
-        slots, tracks = before.slots, read.tracks
+        slots, tracks = read.slots, read.tracks
         touching = slots.used
         at, spread = tracks.place_m[slots.electrode], tracks.place_sigma_m[slots.electrode]
         located = touching & jnp.all(jnp.isfinite(at) & jnp.isfinite(spread), axis=1)
@@ -115,8 +175,6 @@ class MutualElectrodes(AbstractContactSensor):
         at_m = jnp.where((located & inside)[:, None], at, before.at_m)
         told = jnp.where(located[:, None], at, at_m)
         place, covariance = chart_places(self.chart, told, jnp.where(located[:, None], spread, 0.0))
-        later = GridState(before.grid, slots, at_m)
+        later = replace(before, at_m=at_m)
         flags = {f"{self.name} lost": state.lost}
-        return later, Evidence(
-            touching, located, located & inside, place, covariance, flags, GridReading(read, slots)
-        )
+        return later, Evidence(touching, located, located & inside, place, covariance, flags, read)

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Literal, Self
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from pydantic import model_validator
@@ -18,28 +17,20 @@ from softfuse.io.quantity import (
     wrong_value,
 )
 from softfuse.io.settings import Settings
-from softfuse.sensors.capacitive import LineSettings
-from softfuse.sensors.electronics import equal_channels
+from softfuse.sensors.capacitive import BaselineTimes, LineSettings
 from softfuse.sensors.mutual.field import MutualField, Thing
 from softfuse.sensors.mutual.fit import Splitting
-from softfuse.sensors.mutual.grid import MutualGrid
 from softfuse.sensors.mutual.model import MutualModel, mean_pitch
 from softfuse.sensors.mutual.sensor import MutualElectrodes
 from softfuse.sensors.mutual.touch_tracks import MOST_TRACKS, TouchFollower
+from softfuse.sensors.parameters import parameters
 from softfuse.sensors.place_information import place_told_by_grid
-from softfuse.sensors.true_contact import TrueContact, coordinates, flat_chart
+from softfuse.sensors.true_contact import TrueContact, coordinates
 
 # Of virtual cells: counts at rest and by how much they differ, spread of gains, drift of all and of each
 # after one second, and over which time no further.
 _REST, _REST_BOUND, _GAIN_SIGMA = 16000.0, 1500.0, 0.03
 _DRIFT, _OWN_DRIFT, _DRIFT_TIME_S = 5.0, 2.0, 300.0
-
-
-class MutualBaselineSettings(Settings):
-    """How the counts without touch are followed: time constants in s, nothing near, and something near."""
-
-    time: PositiveTime = 2.0
-    creep_time: PositiveTime = 60.0
 
 
 class MutualShapeSettings(Settings):
@@ -84,19 +75,6 @@ class MutualSplittingSettings(Settings):
     wander: PositiveLength = 0.6e-3
     iterations: PositiveInteger = 12
 
-    def splitting(self) -> Splitting:
-        """When a further source is believed."""
-        return Splitting(
-            worth_sigma=jnp.asarray(self.worth_sigma, float),
-            apart_pitches=jnp.asarray(self.apart_pitches, float),
-            weakest=jnp.asarray(self.weakest, float),
-            faintest=jnp.asarray(self.faintest, float),
-            lift_sigma=jnp.asarray(self.lift_sigma, float),
-            slide_sigma=jnp.asarray(self.slide_sigma, float),
-            wander_m=jnp.asarray(self.wander, float),
-            iterations=self.iterations,
-        )
-
 
 class MutualTouchSettings(Settings):
     """When something is near, touches lightly or firmly, and is gone: parts of contact, frames.
@@ -125,23 +103,6 @@ class MutualTouchSettings(Settings):
                 raise wrong_value(f"must not exceed {on} = {getattr(self, on):g}", key=off)
         return self
 
-    def follower(self) -> TouchFollower:
-        """How touches are followed."""
-        return TouchFollower(
-            contact_on=jnp.asarray(self.contact_on, float),
-            coupling_on=jnp.asarray(self.coupling_on, float),
-            coupling_off=jnp.asarray(self.coupling_off, float),
-            faint=jnp.asarray(self.faint, float),
-            firm_on=jnp.asarray(self.firm_on, float),
-            firm_off=jnp.asarray(self.firm_off, float),
-            gate_m=jnp.asarray(self.gate, float),
-            memory_s=jnp.asarray(self.memory, float),
-            speed_s=jnp.asarray(self.speed_time, float),
-            longest_touch_s=jnp.asarray(self.longest_touch, float),
-            on_frames=jnp.asarray(self.on_frames, int),
-            off_frames=jnp.asarray(self.off_frames, int),
-        )
-
 
 class MutualSettings(LineSettings):
     """A grid of 4 × 4 mutual capacitances where rows cross columns.
@@ -152,7 +113,7 @@ class MutualSettings(LineSettings):
 
     type: Literal["mutual-4x4"] = "mutual-4x4"
     touches: PositiveInteger = 4
-    baseline: MutualBaselineSettings = MutualBaselineSettings()
+    baseline: BaselineTimes = BaselineTimes()
     shape: MutualShapeSettings = MutualShapeSettings()
     splitting: MutualSplittingSettings = MutualSplittingSettings()
     touch: MutualTouchSettings = MutualTouchSettings()
@@ -173,38 +134,16 @@ class MutualSettings(LineSettings):
         """Width of a line [m]."""
         return self.shape.electrode_width or mean_pitch(self.column_x, self.row_y)
 
-    def grid(self) -> MutualGrid:
-        """The grid, what touches it, and how its baseline and its touches are followed."""
+    def model(self) -> MutualModel:
+        """The grid and what touches it."""
         shape = self.shape
         gain = np.ones((4, 4)) if shape.gain is None else np.reshape(shape.gain, (4, 4)).T
-        model = MutualModel(
-            column_x_m=jnp.asarray(self.column_x, float),
-            row_y_m=jnp.asarray(self.row_y, float),
-            half_width_m=jnp.asarray(0.5 * self.electrode_width_m, float),
-            depth_m=jnp.asarray(shape.depth, float),
-            finger_radius_m=jnp.asarray(shape.finger_radius, float),
-            contact_counts=jnp.asarray(shape.contact_counts, float),
-            gain=jnp.asarray(gain, float),
-            crosstalk=jnp.asarray(shape.crosstalk, float),
-            shield_sigma=jnp.asarray(shape.shield_sigma, float),
-            noise_counts=jnp.asarray(self.noise_counts, float),
-            model_error=jnp.asarray(shape.model_error, float),
-            common_error=jnp.asarray(shape.common_error, float),
-        )
-        return MutualGrid(
-            # Signals of both signs are physical here.
-            array=self._array(self.baseline.time, self.baseline.creep_time),
-            model=model,
-            splitting=self.splitting.splitting(),
-            follower=self.touch.follower(),
-            near_sigma=jnp.asarray(self.touch.near_sigma, float),
-            touches=self.touches,
-        )
+        return parameters(MutualModel, self, shape, half_width_m=0.5 * self.electrode_width_m, gain=gain)
 
     def place_information(self, radius_m):
         """Of firm contacts (firm_on), whatever their radius."""
         del radius_m
-        grid = self.grid().model
+        grid = self.model()
 
         def told(columns, rows, places):
             moved = eqx.tree_at(lambda m: (m.column_x_m, m.row_y_m), grid, (columns, rows))
@@ -219,18 +158,23 @@ class MutualSettings(LineSettings):
         """Raises ConfigError for a contact that there is not, that presses on no flat face, or in too many
         slots.
         """
-        part = parts.contact_of(self.name, self.contact)
-        chart = flat_chart(parts, self.name, self.contact)
+        part, chart = parts.contact_of(self.name, self.contact), self._chart(parts)
         if part.slots > self.touches:
             raise self._wrong(f"{part.slots} contacts at once, but only {self.touches} touches are followed")
-        low, high = jnp.asarray(part.low, float), jnp.asarray(part.high, float)
-        return MutualElectrodes(
-            self.name, self.channels, self.contact, part.slots, self.grid(), chart, low, high
+        return parameters(
+            MutualElectrodes,
+            self,
+            self.touch,
+            slots=part.slots,
+            # Signals of both signs are physical here.
+            array=self._array(self.baseline, recovery_time_s=np.inf, negative_sigma=np.inf),
+            model=self.model(),
+            splitting=parameters(Splitting, self.splitting),
+            follower=parameters(TouchFollower, self.touch, speed_s=self.touch.speed_time),
+            chart=chart,
+            low_m=part.low,
+            high_m=part.high,
         )
-
-    def functional(self, parts):
-        """None: it sees contacts."""
-        return None
 
     @property
     def _field(self) -> MutualField:
@@ -246,7 +190,7 @@ class MutualSettings(LineSettings):
         presses hardest at its rim, its wall, and electrodes that are bent with the surface.
         """
         del moved
-        chart = flat_chart(parts, self.name, self.contact)
+        chart = self._chart(parts)
         things = []
         for contact in contacts:
             x, y = coordinates(chart, contact)
@@ -266,15 +210,10 @@ class MutualSettings(LineSettings):
         rest = _REST + rng.uniform(-_REST_BOUND, _REST_BOUND, count)
         gain = 1.0 + rng.normal(0.0, _GAIN_SIGMA, count)
         # A stationary wander gains σ √(2 t/τ) in a time t that is short against its τ.
-        return equal_channels(
-            count,
-            nothing=_REST,
+        return self._electronics(
+            _REST,
             gain=gain * rest / _REST,
             zero=rest - _REST,
             slow_sigma=float(np.hypot(_DRIFT, _OWN_DRIFT)) * np.sqrt(0.5 * _DRIFT_TIME_S),
             slow_time=_DRIFT_TIME_S,
-            noise=self.noise_counts,
-            step=1.0,
-            low=self.lowest_counts,
-            high=self.highest_counts,
         )

@@ -102,16 +102,6 @@ class TouchTracks(eqx.Module):
     """What all baselines are off by alike, as the last image told that had nothing pressed in it [counts]."""
     last_number: Int[Array, ""]
 
-    @property
-    def light(self) -> Bool[Array, " n"]:
-        """(n,) touches, but not firmly."""
-        return self.touching & ~self.firm
-
-    @property
-    def near(self) -> Bool[Array, " n"]:
-        """(n,) is near, but does not touch."""
-        return self.there & ~self.touching
-
 
 def tracks_init(tracks: int) -> TouchTracks:
     """Nothing has been seen.

@@ -37,6 +37,7 @@ from pydantic import model_validator
 
 from softfuse.io.quantity import PositiveNumber, PositivePressure, PositiveTime, PressureRate, wrong_value
 from softfuse.io.settings import Settings
+from softfuse.sensors.parameters import parameters
 
 
 class LeakTest(eqx.Module):
@@ -86,16 +87,7 @@ class LeakSettings(Settings):
 
     def test(self) -> LeakTest:
         """The leak test."""
-        return LeakTest(
-            tolerated_1_s=jnp.asarray(1.0 / self.slowest, float),
-            sigma=jnp.asarray(self.sigma, float),
-            window_s=jnp.asarray(self.window, float),
-            repeat_Pa=jnp.asarray(self.repeat, float),
-            drift_Pa_s=jnp.asarray(self.drift, float),
-            unknown_Pa=jnp.asarray(self.unknown, float),
-            memory_s=jnp.asarray(self.memory, float),
-            prior_1_s=jnp.asarray(1.0 / self.fastest, float),
-        )
+        return parameters(LeakTest, self, tolerated_1_s=1.0 / self.slowest, prior_1_s=1.0 / self.fastest)
 
 
 class LeakState(eqx.Module):

@@ -19,7 +19,7 @@ from softfuse.estimation.smoothing.smoother import Smoothed, Smoother, smoothed_
 from softfuse.estimation.tracked import Tracked
 from softfuse.functional.chart import moved
 from softfuse.functional.workspace import framed
-from softfuse.sensors.reading_drift import DriftModel, ReadingDrift
+from softfuse.sensors.zero_drift import DriftModel, ReadingDrift
 
 SENSOR = d6f_p0001a1(4)
 
