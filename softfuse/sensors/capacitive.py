@@ -131,7 +131,7 @@ class CountsSettings(SensorSettings):
         )
 
 
-class LineSettings(CountsSettings):
+class ElectrodeLinesSettings(CountsSettings):
     """Rows and columns of electrodes under the flat face on which a [[contact]] presses; row_y, column_x:
     their centre lines in the chart of the contact, in m.
     """

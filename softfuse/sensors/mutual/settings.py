@@ -18,7 +18,7 @@ from softfuse.io.quantity import (
     wrong_value,
 )
 from softfuse.io.settings import Settings
-from softfuse.sensors.capacitive import LineSettings
+from softfuse.sensors.capacitive import ElectrodeLinesSettings
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.mutual.field import MutualField, Thing
 from softfuse.sensors.mutual.fit import Splitting
@@ -143,7 +143,7 @@ class MutualTouchSettings(Settings):
         )
 
 
-class MutualSettings(LineSettings):
+class MutualSettings(ElectrodeLinesSettings):
     """A grid of 4 × 4 mutual capacitances where rows cross columns.
 
     channels: one column per cell, row by row, in each row along x. touches: things followed at once, near
