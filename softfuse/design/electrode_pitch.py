@@ -13,7 +13,7 @@ from softfuse.functional.chart import FlatChart
 from softfuse.io.quantity import millimetres
 from softfuse.robot.file import Edits
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.capacitive import LineSettings
+from softfuse.sensors.capacitive import ElectrodeLinesSettings
 
 _KINDS = ("columns", "rows")
 """In the order of the coordinates that they are at."""
@@ -73,7 +73,7 @@ class ElectrodePitch(eqx.Module):
         }
         return edits
 
-    def _check(self, plan: DesignPlan, config: RobotSettings, lines: LineSettings) -> None:
+    def _check(self, plan: DesignPlan, config: RobotSettings, lines: ElectrodeLinesSettings) -> None:
         bounds = np.array([parameter.bounds for parameter in plan.parameters])
         for axis, (kind, drawn) in enumerate(zip(_KINDS, self.drawn, strict=True)):
             ties = self.ties[axis]
@@ -115,6 +115,6 @@ def touched(
     return lambda theta: told(*pitch.lines(theta), places[:, 0, :2])
 
 
-def _lines(config: RobotSettings) -> LineSettings | None:
+def _lines(config: RobotSettings) -> ElectrodeLinesSettings | None:
     """The first sensor with rows and columns of electrodes."""
-    return next(iter(config.sensors_of(LineSettings)), None)
+    return next(iter(config.sensors_of(ElectrodeLinesSettings)), None)

@@ -120,7 +120,7 @@ class CountsSettings(ContactSettings):
         return equal_channels(count, nothing=nothing, noise=self.noise_counts, step=1.0, **ends, **own)
 
 
-class LineSettings(CountsSettings):
+class ElectrodeLinesSettings(CountsSettings):
     """Rows and columns of electrodes under the flat face on which a [[contact]] presses; row_y, column_x:
     their centre lines in the chart of the contact, in m.
     """

@@ -23,7 +23,7 @@ from softfuse.io.quantity import (
     wrong_value,
 )
 from softfuse.io.settings import NotEmpty, Settings, listed
-from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray, LineSettings
+from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray, ElectrodeLinesSettings
 from softfuse.sensors.crossed.array_pose import ArrayPose
 from softfuse.sensors.crossed.field import ArrayField, CrossedLines, FieldSettings
 from softfuse.sensors.crossed.peak_model import PeakModel
@@ -110,7 +110,7 @@ class PoseSettings(Settings):
         return parameters(ArrayPose, self)
 
 
-class CrossedSettings(LineSettings):
+class CrossedSettings(ElectrodeLinesSettings):
     """A single-ended array of crossed lines of diamonds, at depths below the surface, in m.
 
     channels: columns of a recording, rows first. row_gain, column_gain [-]: counts of a line for what a

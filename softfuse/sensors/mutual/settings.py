@@ -17,7 +17,7 @@ from softfuse.io.quantity import (
     wrong_value,
 )
 from softfuse.io.settings import Settings
-from softfuse.sensors.capacitive import BaselineTimes, LineSettings
+from softfuse.sensors.capacitive import BaselineTimes, ElectrodeLinesSettings
 from softfuse.sensors.mutual.field import MutualField, Thing
 from softfuse.sensors.mutual.fit import Splitting
 from softfuse.sensors.mutual.model import MutualModel, mean_pitch
@@ -104,7 +104,7 @@ class MutualTouchSettings(Settings):
         return self
 
 
-class MutualSettings(LineSettings):
+class MutualSettings(ElectrodeLinesSettings):
     """A grid of 4 × 4 mutual capacitances where rows cross columns.
 
     channels: one column per cell, row by row, in each row along x. touches: things followed at once, near
