@@ -39,7 +39,7 @@ from softfuse.robot.file import Edits, load, save_edited
 from softfuse.robot.robot import Robot, build_robot
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.mutual.settings import MutualSettings
-from softfuse.sensors.true_contact import TrueContact
+from softfuse.sensors.parts import TrueContact
 
 FORCES_N = np.array([6.0, 3.0])
 LEVELS = np.array([1 / 3, 2 / 3, 1.0])

@@ -16,6 +16,7 @@ from softfuse.sensors.flow import Flow, FlowSettings
 from softfuse.sensors.mutual.model import MutualModel
 from softfuse.sensors.mutual.sensor import MutualElectrodes
 from softfuse.sensors.mutual.settings import MutualSettings, MutualShapeSettings
+from softfuse.sensors.parameters import parameters
 from softfuse.sensors.parts import ChamberPart, ContactPart, Parts
 from softfuse.sensors.pressure.leak import LeakTest
 from softfuse.sensors.pressure.sensor import GaugePressure
@@ -115,7 +116,7 @@ def capacitive_array(**options: Any) -> CapacitiveArray:
 
 def touch_detector() -> TouchDetector:
     """When something touches crossed lines."""
-    return TouchSettings().detector(8.0)
+    return parameters(TouchDetector, TouchSettings(), noise_counts=8.0)
 
 
 def single_electrodes(count: int, *, creep_time: float = 60.0, **options: Any) -> SingleElectrodes:

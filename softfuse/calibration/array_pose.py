@@ -1,4 +1,4 @@
-"""Fitting the pose of an electrode array to presses of known place (`sensors.array_pose`).
+"""Fitting the pose of an electrode array to presses of known place (`crossed.sensor`).
 
 To first order a contact at x is placed at l, x − l = c + α (−l_y, l_x) + (ε_x l_x, ε_y l_y), with normal
 priors of the shift c, the turn α and the stretches ε. What then is left has the variance f² σ² + κ² d²,

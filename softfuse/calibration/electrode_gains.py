@@ -4,7 +4,7 @@ A line e with gain exp h_e reads, under a press at x,
 
     s_e = exp h_e (A f_e(l, R, d + g) + o),
 
-f of `sensors.peak_model`, l where the array's pose has x (`sensors.array_pose`). A gain that rises from line
+f of `sensors.peak_model`, l where the array's pose has x (`crossed.sensor`). A gain that rises from line
 to line looks like a shift, so that the pose is unknown too, to first order and with the priors of
 `array_pose`; what it comes to is thrown away, because locations tell it once more when they have the gains.
 So are amplitudes A, offsets o, radius R and gap g of each sample, with the priors of the peak fit. They are
@@ -40,8 +40,8 @@ from softfuse.calibration.posterior import AbstractPosterior
 from softfuse.calibration.robust import FREEDOM
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.model_error import whitening
-from softfuse.sensors.crossed.array_pose import ArrayPose
 from softfuse.sensors.crossed.peak_model import PeakModel, PeakShape, peak_layers, peak_shape
+from softfuse.sensors.crossed.sensor import ArrayPose
 
 _ALIKE = 0.98
 """Correlation of the signals' misfits in one press, noise apart: that of the reference block's recordings."""

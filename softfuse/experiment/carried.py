@@ -10,7 +10,7 @@ from softfuse.body.base import AbstractBody
 from softfuse.functional.chart import direction_of
 from softfuse.functional.contact import ContactSurface
 from softfuse.functional.material_points import MaterialPoints
-from softfuse.sensors.true_contact import TrueContact
+from softfuse.sensors.parts import TrueContact
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.reading import Equilibrium
 from softfuse.mechanics.solution import RESULTS, State
 from softfuse.robot.digest import digest
-from softfuse.sensors.true_contact import TrueContact
+from softfuse.sensors.parts import TrueContact
 
 log = logging.getLogger(__name__)
 

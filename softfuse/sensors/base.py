@@ -9,26 +9,25 @@ readings of all other sensors; the places of contacts. All of it is pure and cau
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from pydantic import AfterValidator
+from pydantic import AfterValidator, BeforeValidator
 
 from softfuse.errors import ConfigError
 from softfuse.functional.chart import FlatChart
-from softfuse.io.quantity import wrong_value
-from softfuse.io.settings import NotEmpty, Settings
-from softfuse.sensors.electronics import ChannelElectronics, read_channels
+from softfuse.io.quantity import PositiveNumber, wrong_value
+from softfuse.io.settings import NotEmpty, Settings, listed
+from softfuse.sensors.electronics import ChannelElectronics, Converter
 from softfuse.sensors.frame_time import FrameTime
 from softfuse.sensors.zero_drift import DriftModel, ReadingDrift
 
 if TYPE_CHECKING:
     from softfuse.mechanics.reading import AbstractReading
-    from softfuse.sensors.parts import Parts
-    from softfuse.sensors.true_contact import TrueContact
+    from softfuse.sensors.parts import Parts, TrueContact
 
 
 class Hint(NamedTuple):
@@ -146,11 +145,8 @@ class AbstractSensor(eqx.Module):
     readings: tuple[str, ...] = eqx.field(static=True)
     units: tuple[str, ...] = eqx.field(static=True)
     """The SI unit of each reading, such as "m", "m^3", "Pa", "N" or "rad"; "" of a plain number."""
-
-    @property
-    def chambers(self) -> tuple[str, ...]:
-        """Chambers whose changes of volume it tells."""
-        return ()
+    chambers: tuple[str, ...] = eqx.field(static=True)
+    """Chambers whose changes of volume it tells."""
 
     @property
     def drift(self) -> DriftModel | None:
@@ -185,11 +181,8 @@ class AbstractContactSensor(eqx.Module):
     channels: tuple[str, ...] = eqx.field(static=True)
     contact: str = eqx.field(static=True)
     slots: int = eqx.field(static=True)
-
-    @property
-    @abstractmethod
-    def misses(self) -> bool:
-        """Whether something may press that it does not see."""
+    misses: ClassVar[bool]
+    """Whether something may press that it does not see."""
 
     @abstractmethod
     def init(self) -> Any:
@@ -220,6 +213,9 @@ def _no_two(names: tuple[str, ...]) -> tuple[str, ...]:
 
 Names = Annotated[tuple[str, ...], NotEmpty, AfterValidator(_no_two)]
 """Names of channels, chambers, cables ..., no two alike."""
+
+Gains = Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)]
+"""What is measured over what there is [-]: one value for all, or one for each."""
 
 
 class SensorSettings(Settings):
@@ -300,7 +296,7 @@ class SensorSettings(Settings):
         """
         drawn, noise = (np.random.default_rng(np.random.SeedSequence(list(seed))) for seed in (made, read))
         ideal = self.ideal(parts, time_s, values)
-        return read_channels(self.electronics(parts, drawn), noise, time_s, ideal)
+        return Converter(self.electronics(parts, drawn), noise).read(time_s, ideal)
 
     def _count(self, count: int, what: str) -> None:
         """Raise the error of a validator unless there are so many channels."""

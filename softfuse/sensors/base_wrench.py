@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from pydantic import BeforeValidator, model_validator
 
-from softfuse.io.quantity import FORCE, MOMENT, PositiveForce, PositiveMoment, wrong_value
+from softfuse.io.quantity import FORCE, MOMENT, PositiveForce, PositiveMoment
 from softfuse.io.settings import Vector
 from softfuse.mechanics.reaction import Reaction
 from softfuse.mechanics.reading import ReactionReading
+from softfuse.sensors.axes import WORLD, Axes
 from softfuse.sensors.direct import Scaled, ScaledSettings
-from softfuse.sensors.orientation import Row
 
 _NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
 
@@ -30,7 +30,7 @@ class BaseWrenchSettings(ScaledSettings):
 
     type: Literal["base-wrench"] = "base-wrench"
     origin: Vector = (0.0, 0.0, 0.0)
-    axes: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    axes: Axes = WORLD
     carried: tuple[str, ...] = ()
     force_unit: Annotated[float, BeforeValidator(FORCE.parse)] = 1.0
     moment_unit: Annotated[float, BeforeValidator(MOMENT.parse)] = 1.0
@@ -44,14 +44,7 @@ class BaseWrenchSettings(ScaledSettings):
     @model_validator(mode="after")
     def _check(self) -> Self:
         self._count(len(_NAMES), "three forces and three moments")
-        turn = self._rotation
-        if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
-            raise wrong_value("give three unit vectors at right angles, right-handed", key="axes")
         return self
-
-    @property
-    def _rotation(self) -> np.ndarray:
-        return np.array(self.axes).T
 
     @property
     def _errors(self):
@@ -69,5 +62,5 @@ class BaseWrenchSettings(ScaledSettings):
     def functional(self, parts):
         """The reaction, minus that to the weight at rest."""
         carried = tuple(cable.load for cable in parts.cables_of(self.name, self.carried))
-        reaction = Reaction(jnp.array(self.origin), jnp.asarray(self._rotation))
+        reaction = Reaction(jnp.array(self.origin), jnp.asarray(np.array(self.axes).T))
         return ReactionReading(reaction, carried)

@@ -16,6 +16,7 @@ from softfuse.io.settings import NotEmpty, listed
 from softfuse.mechanics.reading import AnswerReading
 from softfuse.sensors.base import AbstractSensor, Measurement, Names, SensorSettings
 from softfuse.sensors.electronics import equal_channels
+from softfuse.sensors.parameters import parameters
 
 _STEP = 1e-6
 """Step in which virtual lengths are told [m]."""
@@ -84,16 +85,13 @@ class CableLengthSettings(SensorSettings):
     def sensor(self, parts):
         """Raises ConfigError for a cable that there is not."""
         parts.cables_of(self.name, self.cables)
-        return CableLength(
-            self.name,
-            self.channels,
-            tuple(f"{self.name} {cable}" for cable in self.cables),
-            ("m",) * len(self.cables),
-            jnp.asarray(self.unit, float),
-            jnp.broadcast_to(jnp.array(self.zero, float), (len(self.channels),)),
-            jnp.asarray(self.noise, float),
-            jnp.asarray(self.slack, float),
-            jnp.asarray(self.average, float),
+        return parameters(
+            CableLength,
+            self,
+            readings=tuple(f"{self.name} {cable}" for cable in self.cables),
+            units=("m",) * len(self.cables),
+            chambers=(),
+            zero_m=jnp.broadcast_to(jnp.array(self.zero, float), (len(self.channels),)),
         )
 
     def functional(self, parts):

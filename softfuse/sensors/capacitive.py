@@ -201,11 +201,6 @@ def track_baseline(
     )
 
 
-def electrode_image(row_signal: Float[Array, " r"], column_signal: Float[Array, " c"]) -> Float[Array, "c r"]:
-    """Image s_col (x) s_row: row_signal (r,), column_signal (c,) [counts]; (c, r), first index along x."""
-    return jnp.outer(column_signal, row_signal)
-
-
 def weighted_mean_location(
     row_y_m: Float[Array, " r"],
     column_x_m: Float[Array, " c"],

@@ -60,6 +60,12 @@ def assign_slots(slots: SlotsUsed, signal: Float[Array, " n"], touched: Bool[Arr
     )
 
 
+def apart(low_m: Float[Array, "2"], high_m: Float[Array, "2"], slots: int) -> Float[Array, "c 2"]:
+    """Coordinates (c, 2) of contacts that nobody sees: two in one place would be one."""
+    share = (jnp.arange(slots) + 0.5)[:, None] / slots
+    return low_m + share * (high_m - low_m)
+
+
 class ContactSlots(eqx.Module):
     """The slots of one [[contact]]: numbers of those that see it among the contact sensors; its coordinates,
     None where sensors name the places; and the lowest and highest coordinates (2,) [m].
@@ -76,9 +82,8 @@ class ContactSlots(eqx.Module):
         """Places of contacts that nobody sees: in the middle, apart from each other; anywhere without
         coordinates.
         """
-        share = (jnp.arange(self.slots) + 0.5)[:, None] / self.slots
         low, high = (jnp.where(jnp.isfinite(end), end, 0.0) for end in (self.low_m, self.high_m))
-        return self.at(low + share * (high - low))
+        return self.at(apart(low, high, self.slots))
 
     def at(self, coordinates: Float[Array, "c 2"]) -> Float[Array, "c 3 3"]:
         """Places at coordinates (c, 2) [m]."""

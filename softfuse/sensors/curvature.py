@@ -34,7 +34,6 @@ from softfuse.sensors.base import Names
 from softfuse.sensors.direct import DRIFT_TIME_S, AbstractConvert, DirectSettings
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.parameters import parameters
-from softfuse.sensors.parts import Parts
 
 _CELSIUS = 273.15
 
@@ -176,11 +175,9 @@ class BraggSettings(DirectSettings):
 
     def functional(self, parts):
         """Changes of curvature, and of strain. Raises MeshError for a fibre that leaves the body."""
-        return ShapeReading(StationBending(self._curve(parts), self.axial))
-
-    def _curve(self, parts: Parts) -> Curvature:
-        return Curvature.of(
-            parts.body, np.array(self.path), np.array(self.stations), self.gauge, np.array(self.across)
+        path, stations, across = (np.array(each) for each in (self.path, self.stations, self.across))
+        return ShapeReading(
+            StationBending(Curvature.of(parts.body, path, stations, self.gauge, across), self.axial)
         )
 
     def ideal(self, parts, time_s, values):

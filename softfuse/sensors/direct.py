@@ -175,6 +175,7 @@ class DirectSettings(SensorSettings):
             channels=self.columns,
             readings=tuple(f"{self.name} {which}" if which else self.name for which in readings),
             units=tuple(units) * (1 if len(units) == k else k),
+            chambers=(),
             convert=convert,
             rest=each(rest),
             noise=noise,

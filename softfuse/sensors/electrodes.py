@@ -52,7 +52,7 @@ from softfuse.sensors.capacitive import (
 )
 from softfuse.sensors.contact_places import SlotsUsed, assign_slots, slots_init
 from softfuse.sensors.parameters import parameters
-from softfuse.sensors.true_contact import TrueContact
+from softfuse.sensors.parts import TrueContact
 
 # Of virtual electrodes: counts at rest and by how much they differ, signal in contact and its bound, distance
 # in which it falls to 1/e in widths of an electrode.
@@ -108,36 +108,25 @@ class _Seen(NamedTuple):
 
 class SingleElectrodes(AbstractContactSensor):
     """n electrodes at `places` (n, 3, 3), with the covariance (n, 2, 2) [m²] of where on them a contact
-    presses.
+    presses, and thresholds as above.
     """
 
+    misses = False  # contacts are where the electrodes are
     places: Float[Array, "n 3 3"]
     covariance_m2: Float[Array, "n 2 2"]
     array: CapacitiveArray
-    """Noise, limits and baseline of the electronics."""
     on_counts: Float[Array, " n"]
-    """(n,) signal at which a touch begins [counts]."""
     off_counts: Float[Array, " n"]
-    """(n,) signal at which it ends [counts]."""
     near_sigma: Float[Array, ""]
     """Signal at which something is near [standard deviations of one reading]."""
     on_frames: Int[Array, ""]
-    """Number of frames in a row that begin a touch."""
     off_frames: Int[Array, ""]
-    """Number of frames in a row that end a touch."""
     longest_touch_s: Float[Array, ""]
-    """Duration of a touch that is no longer believed [s]."""
     lost_s: Float[Array, ""]
-    """Time without a usable reading after which an electrode is lost [s]."""
     quiet_fraction: Float[Array, ""]
-    """Fraction of the noise below which the noise has vanished; 0 where the counts do not resolve it."""
+    """0 where the counts do not resolve the noise."""
     quiet_s: Float[Array, ""]
     """Time constant over which the noise is measured [s]."""
-
-    @property
-    def misses(self):
-        """Contacts are where the electrodes are."""
-        return False
 
     def init(self):
         """Untouched. Raises ConfigError for more slots than electrodes."""

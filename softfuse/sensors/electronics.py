@@ -119,13 +119,3 @@ class Converter:
         self._passed = elapsed
         self._decay = np.exp(-elapsed / self._memory)
         self._spread = self._sigma * np.sqrt(-np.expm1(-2.0 * elapsed / self._memory))
-
-
-def read_channels(
-    electronics: ChannelElectronics,
-    rng: np.random.Generator,
-    time_s: Float[np.ndarray, " m"],
-    ideal: Float[np.ndarray, "m k"],
-) -> Float[np.ndarray, "m k"]:
-    """Samples (m, k) of ideal readings (m, k) at increasing times (m,) s."""
-    return Converter(electronics, rng).read(time_s, ideal)

@@ -16,7 +16,6 @@ from softfuse.io.quantity import PositiveCapacitance, PositiveNumber
 from softfuse.io.settings import Vector
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.sensors.direct import Scaled, ScaledSettings
-from softfuse.sensors.parts import Parts
 
 
 class SheetCapacitance(MaterialFunctional):
@@ -55,9 +54,6 @@ class SheetSettings(ScaledSettings):
         """Raise the error of a validator unless there is one channel."""
         self._count(1, "one sheet")
 
-    def _sheet(self, parts: Parts) -> SheetCapacitance:
-        return SheetCapacitance(EmbeddedSheet.of(parts.body, np.array(self.centre), np.array(self.edges)))
-
     def _scaled(self, parts):
         """`functional` tells whether the sheet is in the body."""
         del parts
@@ -66,4 +62,5 @@ class SheetSettings(ScaledSettings):
 
     def functional(self, parts):
         """C/C₀ − 1. Raises MeshError for a sheet that leaves the body."""
-        return ShapeReading(self._sheet(parts))
+        sheet = EmbeddedSheet.of(parts.body, np.array(self.centre), np.array(self.edges))
+        return ShapeReading(SheetCapacitance(sheet))

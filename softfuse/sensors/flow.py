@@ -153,7 +153,6 @@ class FlowReading(eqx.Module):
 class Flow(AbstractSensor):
     """k equal flow sensors, one on each of some chambers."""
 
-    vented: tuple[str, ...] = eqx.field(static=True)
     zero_V: Float[Array, " k"]
     """(k,) nominal zero [V]."""
     sensitivity_Vs_m3: Float[Array, " k"]
@@ -178,11 +177,6 @@ class Flow(AbstractSensor):
     """Time of unknown flow since the reset up to which a volume is still called valid [s]."""
     lag_frames: int = eqx.field(static=True)
     """Number of frames by which the zero filter runs behind."""
-
-    @property
-    def chambers(self):
-        """Those that are vented through it."""
-        return self.vented
 
     @property
     def drift(self):
@@ -369,7 +363,6 @@ class FlowSettings(PartSettings):
             self,
             readings=self.readings,
             units=("m^3",) * count,
-            vented=self.chambers,
             zero_V=jnp.full(count, self.zero, float),
             sensitivity_Vs_m3=self.sensitivity * jnp.broadcast_to(jnp.array(self.gain, float), (count,)),
             zero_drift=parameters(ZeroDrift, self),

@@ -16,7 +16,7 @@ from softfuse.io.quantity import FORCE, LengthUnit, PositiveForce, PositiveLengt
 from softfuse.sensors.base import AbstractContactSensor, ContactSettings, Evidence, Touch
 from softfuse.sensors.contact_places import chart_place
 from softfuse.sensors.electronics import equal_channels
-from softfuse.sensors.true_contact import coordinates
+from softfuse.sensors.parameters import parameters
 
 
 class Indenter(AbstractContactSensor):
@@ -24,6 +24,7 @@ class Indenter(AbstractContactSensor):
     a touch; `sigma_m`: of a place; `low_m`, `high_m` (2,) where middles may be [m].
     """
 
+    misses = False  # nothing else presses there
     chart: AbstractChart
     unit_m: Float[Array, ""]
     on_N: Float[Array, ""]
@@ -31,11 +32,6 @@ class Indenter(AbstractContactSensor):
     sigma_m: Float[Array, ""]
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
-
-    @property
-    def misses(self):
-        """Nothing else presses there."""
-        return False
 
     def init(self):
         """Nothing touches: touching, and the last reading (3,)."""
@@ -90,19 +86,7 @@ class IndenterSettings(ContactSettings):
         """Raises ConfigError for a contact that there is not, or that presses on no flat face."""
         part = parts.contact_of(self.name, self.contact)
         chart = self._chart(parts)
-        return Indenter(
-            self.name,
-            self.channels,
-            self.contact,
-            1,
-            chart,
-            jnp.asarray(self.unit, float),
-            jnp.asarray(self.on, float),
-            jnp.asarray(self.off, float),
-            jnp.asarray(self.sigma, float),
-            jnp.asarray(part.low, float),
-            jnp.asarray(part.high, float),
-        )
+        return parameters(Indenter, self, slots=1, chart=chart, low_m=part.low, high_m=part.high)
 
     def signal(self, parts, contacts, moved):
         """x, y [m] and force [N] of the contact, (3,)."""
@@ -111,7 +95,7 @@ class IndenterSettings(ContactSettings):
         if len(contacts) != 1:
             raise self._wrong(f"a stage has one indenter, not {len(contacts)}")
         (contact,) = contacts
-        at = coordinates(chart, contact)
+        at = chart.coordinates(contact.place)
         return np.array([*at, contact.force])
 
     def ideal(self, parts, time_s, values):

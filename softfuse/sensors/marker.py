@@ -14,6 +14,7 @@ from softfuse.functional.marker import Marker
 from softfuse.io.quantity import LengthUnit, PositiveLength, wrong_value
 from softfuse.io.settings import Settings, Vector
 from softfuse.mechanics.reading import ShapeReading
+from softfuse.sensors.axes import WORLD, Rows
 from softfuse.sensors.direct import Scaled, ScaledSettings
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.parts import Parts
@@ -22,14 +23,12 @@ _AXES = ("x", "y", "z")
 _STEP = 1e-6
 """Of virtual coordinates [m]."""
 
-Row = tuple[float, float, float]
-
 
 class CameraSettings(Settings):
     """A frame: where its origin is (3,) m, and its axes x, y and z, unit vectors at right angles."""
 
     origin: Vector = (0.0, 0.0, 0.0)
-    axes: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    axes: Rows = WORLD
 
 
 class MarkerSettings(ScaledSettings):

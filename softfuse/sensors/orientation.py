@@ -15,11 +15,11 @@ from pydantic import model_validator
 
 from softfuse.functional.orientation import DirectionInPatch, PatchRotation
 from softfuse.functional.rotation import rotation_vector
-from softfuse.io.quantity import PositiveAcceleration, PositiveAngle, PositiveLength, wrong_value
+from softfuse.io.quantity import PositiveAcceleration, PositiveAngle, PositiveLength
 from softfuse.mechanics.reading import ShapeReading
+from softfuse.sensors.axes import WORLD, Axes
 from softfuse.sensors.direct import DRIFT_TIME_S, AbstractConvert, DirectSettings, Scaled, ScaledSettings
 from softfuse.sensors.electronics import equal_channels
-from softfuse.sensors.marker import Row
 
 
 class Attitude(AbstractConvert):
@@ -53,19 +53,12 @@ class _OrientationSettings(DirectSettings):
 
     point: str
     radius: PositiveLength = 2e-3
-    axes: tuple[Row, Row, Row] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    axes: Axes = WORLD
 
     @property
     def mounting(self) -> Float[np.ndarray, "3 3"]:
         """M, its columns the axes."""
         return np.array(self.axes).T
-
-    @model_validator(mode="after")
-    def _check_axes(self):
-        m = self.mounting
-        if np.abs(m.T @ m - np.eye(3)).max() > 1e-6 or np.linalg.det(m) < 0:
-            raise wrong_value("give three unit vectors at right angles, right-handed", key="axes")
-        return self
 
 
 class AccelerometerSettings(_OrientationSettings, ScaledSettings):

@@ -1,4 +1,6 @@
-"""What sensors may be attached to, by name: the robot's builder makes it, sensors only read it."""
+"""What sensors may be attached to, by name: the robot's builder makes it, sensors only read it; and what they
+may see.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,7 +12,9 @@ from softfuse.body.base import AbstractBody
 from softfuse.errors import ConfigError
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.chart import AbstractChart
-from softfuse.sensors.gas import ATMOSPHERE_PA
+
+ATMOSPHERE_PA = 101325.0
+"""Absolute pressure around what nobody has measured it for [Pa]."""
 
 ROOM_K = 293.15
 """Temperature where none is given [K]."""
@@ -56,6 +60,24 @@ class ContactPart:
     slots: int = 1
     low: Float[np.ndarray, "2"] = field(default_factory=lambda: np.full(2, -np.inf))
     high: Float[np.ndarray, "2"] = field(default_factory=lambda: np.full(2, np.inf))
+
+
+@dataclass(frozen=True, eq=False)
+class TrueContact:
+    """What really presses on a virtual body, or hovers over it, at a place (3, 3) of the body at rest.
+
+    gap: from the surface [m], negative by how deep it is pressed in; force [N]; radius [m]. middle (3,) and
+    axis (3,): of what touches as it stands now [m]; half_length [m]: of a cylinder along the axis, 0 for a
+    ball.
+    """
+
+    place: Float[np.ndarray, "3 3"]
+    gap: float = 0.0
+    force: float = 0.0
+    radius: float = 8e-3
+    middle: Float[np.ndarray, "3"] | None = None
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    half_length: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,11 +29,11 @@ def place_told_by_lines(
 ) -> Float[Array, "s 2 2"]:
     """Information (s, 2, 2) [1/m²] on the places (s, 2) [m] of contacts, one each, by crossed lines.
 
-    charge_counts_m2: amplitude of a contact times the area that its response is counted in, see `charge_of`;
+    charge_counts_m2: amplitude of a contact times the area that its response is counted in, p² of the rows;
     lines that are nearer together share it.
     """
     shape = line_shape(model)
-    amplitude = jnp.full(2, charge_counts_m2 / _area(model))
+    amplitude = jnp.full(2, charge_counts_m2 / mean_pitch(model.row_y_m) ** 2)
     others = jnp.stack([jnp.zeros(()), jnp.zeros(()), model.radius_m, jnp.zeros(())])
 
     def told(place):
@@ -53,12 +53,7 @@ def charge_of(model: PeakModel, largest_counts: float) -> Float[Array, ""]:
     """
     middle = jnp.stack([jnp.mean(model.column_x_m), jnp.mean(model.row_y_m)])
     response = line_shape(model)(jnp.concatenate([middle, jnp.stack([model.radius_m, jnp.zeros(())])]))
-    return largest_counts / jnp.max(response) * _area(model)
-
-
-def _area(model: PeakModel) -> Float[Array, ""]:
-    """What responses are counted in [m²], see `array_points`."""
-    return mean_pitch(model.row_y_m) ** 2
+    return largest_counts / jnp.max(response) * mean_pitch(model.row_y_m) ** 2
 
 
 def place_told_by_grid(

@@ -1,11 +1,11 @@
 """Touches that electrodes do not see: something that does not conduct squeezes air out of the cavities.
 
 Such a touch begins when gas flows out of a cavity, or is squeezed in a sealed one, while nothing is near the
-electrodes, for `on_frames` frames, and ends when all air is still and has come back: when no cavity lacks
-more than a `returned` part of the most that one has lacked, or, of one whose flow was lost, since it was too
-fast to be measured, when gas flew in last. What electrodes see takes over from it. A sensor's zero that jumps
-looks like an outflow without end; after `longest_s` of it the touch is given up, and none begins until the
-outflow has ended.
+electrodes, for `on_frames` frames, and ends when all air is still and has come back for `off_frames`: when no
+cavity lacks more than a `returned` part of the most that one has lacked, or, of one whose flow was lost,
+since it was too fast to be measured, when gas flew in last. What electrodes see takes over from it. A
+sensor's zero that jumps looks like an outflow without end; after `longest_s` of it the touch is given up, and
+none begins until the outflow has ended.
 """
 
 import equinox as eqx
@@ -16,7 +16,7 @@ from softfuse.sensors.base import Hint, VolumeChange
 
 
 class PneumaticDetector(eqx.Module):
-    """Thresholds; all fields are leaves."""
+    """Thresholds, see above; all fields are leaves."""
 
     @classmethod
     def usual(cls) -> "PneumaticDetector":
@@ -32,13 +32,9 @@ class PneumaticDetector(eqx.Module):
     flow_sigma: Float[Array, ""]
     """Mean flow over the lag that is not still air [standard deviations]."""
     returned: Float[Array, ""]
-    """Part of the largest lack of air at which the touch has ended [-]."""
     longest_s: Float[Array, ""]
-    """Time of outflow without a break after which it is a zero that has jumped [s]."""
     on_frames: Int[Array, ""]
-    """Number of frames in a row that begin a touch."""
     off_frames: Int[Array, ""]
-    """Number of frames in a row that end a touch."""
 
 
 class PneumaticState(eqx.Module):

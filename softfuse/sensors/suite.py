@@ -367,12 +367,13 @@ class SensorSuite(eqx.Module):
         drifts = [each.drift for each in measured]
         if all(each is None for each in drifts):
             return None
-        covariance, calm = list[Array](), list[Array]()
-        for each, drift in zip(self.sensors, drifts, strict=True):
-            count = len(each.readings)
-            covariance.append(jnp.zeros((count, 3, 3)) if drift is None else drift.covariance)
-            calm.append(jnp.zeros(count, bool) if drift is None else drift.calm)
-        return ReadingDrift(jnp.concatenate(covariance), jnp.concatenate(calm), frame.dt_s)
+        each = [
+            (jnp.zeros((len(one.readings), 3, 3)), jnp.zeros(len(one.readings), bool))
+            if drift is None
+            else drift[:2]
+            for one, drift in zip(self.sensors, drifts, strict=True)
+        ]
+        return ReadingDrift(*map(jnp.concatenate, zip(*each, strict=True)), frame.dt_s)
 
 
 def _any(flags: Sequence[Bool[Array, ""]]) -> Bool[Array, ""]:

@@ -17,20 +17,11 @@ from softfuse.io.quantity import (
     VOLTAGE_WALK,
     Dimension,
     PositiveInteger,
-    PositiveNumber,
     shown,
     wrong_value,
 )
-from softfuse.io.settings import NotEmpty, listed
-from softfuse.sensors.base import Names, SensorSettings
+from softfuse.sensors.base import Gains, Names, SensorSettings
 from softfuse.sensors.electronics import ChannelElectronics, equal_channels
-
-
-def number(value: Any) -> float:
-    """A plain number."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise wrong_value(f"{shown(value)} is no plain number, as the output is digital")
-    return float(value)
 
 
 def in_output(volts: Dimension, digital: Dimension | None = None) -> BeforeValidator:
@@ -39,7 +30,11 @@ def in_output(volts: Dimension, digital: Dimension | None = None) -> BeforeValid
     def parse(value: Any, info: ValidationInfo) -> float:
         if info.data.get("output", "volts") == "volts":
             return volts.parse(value)
-        return number(value) if digital is None else digital.parse(value)
+        if digital is not None:
+            return digital.parse(value)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise wrong_value(f"{shown(value)} is no plain number, as the output is digital")
+        return float(value)
 
     return BeforeValidator(parse)
 
@@ -68,7 +63,7 @@ class PartSettings(SensorSettings):
     chambers: Names
     part: str | None = None
     output: Literal["volts", "counts"] = "volts"
-    gain: Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)] = (1.0,)
+    gain: Gains = (1.0,)
     low: Raw
     high: Raw
     noise: PositiveRaw

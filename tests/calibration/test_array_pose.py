@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softfuse.calibration.array_pose import Located, PoseFit, PosePrior, fit_pose
-from softfuse.sensors.crossed.array_pose import ArrayPose
+from softfuse.sensors.crossed.sensor import ArrayPose
 from softfuse.sensors.crossed.settings import PoseSettings
 
 PRIOR = PosePrior(0.5e-3, 0.02, 0.01, 0.5, 0.1)

@@ -23,7 +23,7 @@ from softfuse.robot.file import parse
 from softfuse.robot.robot import build_robot
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.crossed.settings import CrossedSettings
-from softfuse.sensors.true_contact import TrueContact
+from softfuse.sensors.parts import TrueContact
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ASK = pack(encode(AskMessage(Header(EVERY_DEVICE, 0, 0))))

@@ -24,9 +24,11 @@ from softfuse.errors import ConfigError
 from softfuse.robot.file import load
 from softfuse.sensors.cable_length import CableLengthSettings
 from softfuse.sensors.crossed.settings import CrossedSettings
+from softfuse.sensors.crossed.touch import TouchDetector
 from softfuse.sensors.electrodes import ElectrodeSettings
 from softfuse.sensors.flow import FlowSettings
 from softfuse.sensors.mutual.settings import MutualSettings
+from softfuse.sensors.parameters import parameters
 from softfuse.sensors.pressure.settings import PressureSettings
 
 Write = Callable[..., Path]
@@ -41,7 +43,7 @@ def test_sensors_of_the_pad_are_those_of_their_data_sheets(write: Write) -> None
     vents = flow.model_copy(update={"channels": tuple(names(4)), "chambers": tuple(names(4))})
     assert eqx.tree_equal(vents.sensor(chambered(names(4))), d6f_p0001a1(4))
     assert eqx.tree_equal(lines.array(), capacitive_array())
-    assert eqx.tree_equal(lines.touch.detector(lines.noise_counts), touch_detector())
+    assert eqx.tree_equal(parameters(TouchDetector, lines.touch, lines), touch_detector())
     assert eqx.tree_equal(lines.peak_model(10e-3), peak_model(LINES, LINES, 1.5e-3, 1.0e-3))
 
 
@@ -75,7 +77,7 @@ def test_settings_reach_flow_sensors_and_lines(write: Write) -> None:
     np.testing.assert_allclose(zeros.zero_V, 1.0)
     np.testing.assert_allclose(zeros.sensitivity_Vs_m3, 0.12e6)
     assert (zeros.lag_frames, float(zeros.hold_off_s)) == (7, 1.0)
-    array, peak, touch = lines.array(), lines.peak_model(5e-3), lines.touch.detector(lines.noise_counts)
+    array, peak, touch = lines.array(), lines.peak_model(5e-3), parameters(TouchDetector, lines.touch, lines)
     assert [float(s.noise_counts) for s in (array, peak, touch)] == [4.0] * 3
     assert (float(array.creep_time_s), float(array.negative_sigma)) == (60.0, 3.0)
     assert float(touch.near_on_sigma) == 9.0

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from made_sensors import capacitive_array
 
-from softfuse.sensors.capacitive import array_init, array_signal, electrode_image, track_baseline
+from softfuse.sensors.capacitive import array_init, array_signal, track_baseline
 
 ARRAY = capacitive_array()
 
@@ -78,10 +78,3 @@ def test_an_electrode_that_appears_during_a_touch_takes_no_baseline_from_it():
     _, reading = run(counts, touching, touching)
     valid = np.asarray(reading.valid)
     assert not valid[:200, 4].any() and valid[210:, 4].all()
-
-
-def test_image_is_the_outer_product_with_x_first():
-    rows, columns = jnp.arange(3.0), jnp.arange(2.0) + 1.0
-    image = electrode_image(rows, columns)
-    assert image.shape == (2, 3)
-    assert float(image[1, 2]) == 4.0

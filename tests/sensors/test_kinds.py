@@ -13,10 +13,9 @@ from sensor_tables import TABLES, settings_of
 from softfuse.errors import ConfigError
 from softfuse.io.settings import Settings
 from softfuse.sensors.base import AbstractSensor
-from softfuse.sensors.parts import Parts
+from softfuse.sensors.parts import Parts, TrueContact
 from softfuse.sensors.registry import SENSORS
 from softfuse.sensors.suite import SensorSuite
-from softfuse.sensors.true_contact import TrueContact
 
 MEASURING = {
     "flow": 200e-9,

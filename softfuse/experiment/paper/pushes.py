@@ -25,7 +25,7 @@ from softfuse.mechanics.load import Loads
 from softfuse.mechanics.newton import Newton, solve
 from softfuse.mechanics.rigid_cylinder import RigidCylinder
 from softfuse.mechanics.solution import RESULTS, State
-from softfuse.sensors.true_contact import TrueContact
+from softfuse.sensors.parts import TrueContact
 
 log = logging.getLogger(__name__)
 

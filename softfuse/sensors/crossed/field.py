@@ -9,7 +9,7 @@ conductors,
 
 and a line's capacitance is the charge on it. The cylinder stands upright, at a gap above the body or pressed
 into it; what then counts is where the electrodes are under it. This is independent of
-`sensors.diamond_array`, which takes the charge under a plane's edge for that under a cylinder's. Not
+`crossed.diamond_array`, which takes the charge under a plane's edge for that under a cylinder's. Not
 modelled: wires, the table below, the change of permittivity from silicone to air. Source: Harrington, Field
 Computation by Moment Methods, 1968, ch. 2.
 

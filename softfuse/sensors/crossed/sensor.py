@@ -22,12 +22,10 @@ from softfuse.sensors.capacitive import (
     CapacitiveArray,
     array_init,
     array_signal,
-    electrode_image,
     track_baseline,
     weighted_mean_location,
 )
 from softfuse.sensors.contact_places import chart_place
-from softfuse.sensors.crossed.array_pose import ArrayPose
 from softfuse.sensors.crossed.peak_follow import PeakTrack, follow_peak, no_peak
 from softfuse.sensors.crossed.peak_model import PeakModel
 from softfuse.sensors.crossed.touch import (
@@ -40,6 +38,55 @@ from softfuse.sensors.crossed.touch import (
     touch_strength,
     touch_update,
 )
+
+
+class ArrayPose(eqx.Module):
+    """Where an array lies on the body: it is glued on, cast in, and stretches with the skin.
+
+    A contact that the array places at l, in the coordinates it is drawn in, is on the body at
+
+        x = c + R(α) D l,
+
+    with a shift c, a turn α about the direction that the array is seen from, and a stretch D = diag(d_x,
+    d_y). Its covariance is turned and stretched alike, and times the square of a factor: how much wider
+    locations spread than the fit of a peak promises, unless its misfit says more. The fit takes the array for
+    flat: a dent tilts what lies around it, and locations spread by a part of its depth besides.
+
+    Fields: shift c (2,) [m], turn α [rad], stretch d (2,) [-], the factor on standard deviations [-], and the
+    part of a dent's depth by which locations spread besides [-]; all are leaves.
+    """
+
+    shift_m: Float[Array, "2"]
+    turn: Float[Array, ""]
+    stretch: Float[Array, "2"]
+    sigma_factor: Float[Array, ""]
+    dent_part: Float[Array, ""]
+
+    def on_body(self, location_m: Float[Array, "2"]) -> Float[Array, "2"]:
+        """Where on the body (2,) m a place in the array's coordinates (2,) m is."""
+        return self.shift_m + self._turned @ location_m
+
+    def on_array(self, place_m: Float[Array, "2"]) -> Float[Array, "2"]:
+        """Where in the array's coordinates (2,) m a place on the body (2,) m is."""
+        return jnp.linalg.solve(self._turned, place_m - self.shift_m)
+
+    def spread(
+        self, covariance_m2: Float[Array, "2 2"], widening: Float[Array, ""], dent_m: Float[Array, ""]
+    ) -> Float[Array, "2 2"]:
+        """Covariance (2, 2) m² on the body of a location.
+
+        Args: covariance_m2 (2, 2) in the array's coordinates [m²], which a misfit has made larger by
+        widening >= 1 [-]; dent_m, depth of the dent [m]. Factor and dent are what made presses spread wider
+        than promised without the widening, so that the larger of both counts.
+        """
+        misfit = self._turned @ covariance_m2 @ self._turned.T
+        spread = self.sigma_factor**2 * misfit / widening + (self.dent_part * dent_m) ** 2 * jnp.eye(2)
+        return jnp.where(jnp.trace(misfit) > jnp.trace(spread), misfit, spread)
+
+    @property
+    def _turned(self) -> Float[Array, "2 2"]:
+        c, s = jnp.cos(self.turn), jnp.sin(self.turn)
+        return jnp.array([[c, -s], [s, c]]) * self.stretch
 
 
 class CrossedReading(eqx.Module):
@@ -83,10 +130,7 @@ class CrossedState(eqx.Module):
 class _Seen(NamedTuple):
     """Memory within a frame."""
 
-    array: ArrayState
-    touch: TouchState
-    peak: PeakTrack
-    lying: Bool[Array, " e"]
+    state: CrossedState
     counts: Float[Array, " e"]
     reading: ArrayReading
 
@@ -98,6 +142,7 @@ class CrossedElectrodes(AbstractContactSensor):
     location.
     """
 
+    misses = True  # what does not conduct is not seen
     weighted_mean: bool = eqx.field(static=True)
     array: CapacitiveArray
     peak: PeakModel
@@ -106,11 +151,6 @@ class CrossedElectrodes(AbstractContactSensor):
     chart: AbstractChart
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
-
-    @property
-    def misses(self):
-        """What does not conduct is not seen."""
-        return True
 
     def image(self, details):
         """Of all crossings."""
@@ -139,19 +179,20 @@ class CrossedElectrodes(AbstractContactSensor):
         strength = touch_strength(reading.signal_counts[:rows], reading.signal_counts[rows:])
         touch = touch_update(self.detector, state.touch, strength, hint.still(~hint.begins).squeezed())
         touch = if_begun(touch_begun(strength), touch)
-        seen = _Seen(known, touch, state.peak, state.lying, raw, reading)
+        seen = _Seen(CrossedState(known, touch, state.peak, state.lying), raw, reading)
         return seen, Touch(touch.near, touch.touching[None], ~touch.touching, begun)
 
     def locate(self, state, frame, context, squeezed_m3):
         """By the peak; a dent as deep as that volume spreads it."""
-        touch, reading = state.touch, state.reading
+        counts, reading, state = state.counts, state.reading, state.state
+        touch = state.touch
         # A line found lying stays out until nothing is near.
         trusted = reading.valid & ~state.lying
         peak, (location, covariance, widening, residual, honest, located) = _peak(
             self.peak, state.peak, reading.signal_counts, trusted, touch.near
         )
         touching = touch.touching | context.unseen
-        array = track_baseline(self.array, state.array, frame.dt_s, state.counts, touch.near, touching)
+        array = track_baseline(self.array, state.array, frame.dt_s, counts, touch.near, touching)
         later = CrossedState(array, touch, peak, touch.near & (state.lying | (trusted & ~honest)))
         rows = self.peak.row_y_m.shape[0]
         signal = reading.signal_counts
@@ -161,7 +202,7 @@ class CrossedElectrodes(AbstractContactSensor):
         inside = jnp.all((at >= self.low_m) & (at <= self.high_m))
         place, spread = chart_place(self.chart, at, self.pose.spread(covariance, widening, dent))
         # In the first frame no line has a baseline yet.
-        lost = jnp.where(frame.first, ~jnp.isfinite(state.counts), ~honest)
+        lost = jnp.where(frame.first, ~jnp.isfinite(counts), ~honest)
         found = touch.touching & located
         return later, Evidence(
             touch.touching[None],
@@ -182,7 +223,7 @@ class CrossedElectrodes(AbstractContactSensor):
                 residual_counts=residual,
                 signal_counts=signal,
                 valid=honest,
-                image=electrode_image(signal[:rows], signal[rows:]),
+                image=jnp.outer(signal[rows:], signal[:rows]),
             ),
         )
 

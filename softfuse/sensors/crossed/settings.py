@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
 from jaxtyping import Array, Float
-from pydantic import BeforeValidator, model_validator
+from pydantic import model_validator
 
 from softfuse.io.quantity import (
     Angle,
@@ -22,21 +22,18 @@ from softfuse.io.quantity import (
     PositiveNumber,
     wrong_value,
 )
-from softfuse.io.settings import NotEmpty, Settings, listed
+from softfuse.io.settings import Settings
+from softfuse.sensors.base import Gains
 from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray, ElectrodeLinesSettings
-from softfuse.sensors.crossed.array_pose import ArrayPose
 from softfuse.sensors.crossed.field import ArrayField, CrossedLines, FieldSettings
 from softfuse.sensors.crossed.peak_model import PeakModel
-from softfuse.sensors.crossed.sensor import CrossedElectrodes
+from softfuse.sensors.crossed.sensor import ArrayPose, CrossedElectrodes
 from softfuse.sensors.crossed.touch import TouchDetector
 from softfuse.sensors.parameters import parameters
+from softfuse.sensors.parts import Parts, TrueContact
 from softfuse.sensors.place_information import charge_of, place_told_by_lines
-from softfuse.sensors.true_contact import TrueContact, coordinates, face_height
 
 Fraction = Annotated[Number, Gt(0), Lt(1)]
-
-Gains = Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)]
-"""What is measured over what there is [-]: one value for all, or one for each."""
 
 # Of virtual lines: counts per farad, parasitic counts and by how much they differ, bound of gains, a slow
 # drift.
@@ -71,10 +68,6 @@ class TouchSettings(Settings):
             )
         return self
 
-    def detector(self, noise_counts: float) -> TouchDetector:
-        """The decision on lines of that noise."""
-        return parameters(TouchDetector, self, noise_counts=noise_counts)
-
 
 class PeakSettings(Settings):
     """How sure the peak fit is beforehand, as standard deviations, and how it is found.
@@ -93,7 +86,7 @@ class PeakSettings(Settings):
 
 
 class PoseSettings(Settings):
-    """Where the array lies on the body, see `crossed.array_pose`.
+    """Where the array lies on the body, see `crossed.sensor`.
 
     shift in m along x and y, turn in rad, stretch along x and y; sigma_factor: by how much locations spread
     wider than the fit of a peak promises; dent_part: by which part of a dent's depth they do besides.
@@ -138,20 +131,17 @@ class CrossedSettings(ElectrodeLinesSettings):
                 raise wrong_value("an array has at least two lines in each direction", key=key)
         lines = len(self.row_y) + len(self.column_x)
         self._count(lines, f"{lines} lines of row_y and column_x")
-        baselines = {"row": self.row_baseline, "column": self.column_baseline}
-        for name, lines, gain in (
-            ("row", self.row_y, self.row_gain),
-            ("column", self.column_x, self.column_gain),
+        for name, lines, gain, baseline in (
+            ("row", self.row_y, self.row_gain, self.row_baseline),
+            ("column", self.column_x, self.column_gain, self.column_baseline),
         ):
             self._one_each(f"{name}_gain", gain, len(lines))
-            baseline = baselines[name]
             if baseline is not None and len(baseline) != len(lines):
                 raise wrong_value(f"{len(baseline)} values for {len(lines)}", key=f"{name}_baseline")
-        for name, other in (("row", "column"), ("column", "row")):
-            if baselines[name] is None and baselines[other] is not None:
-                raise wrong_value(
-                    f"missing, while {other}_baseline is given: give both or none", key=f"{name}_baseline"
-                )
+        if (self.row_baseline is None) != (self.column_baseline is None):
+            name, other = ("row", "column") if self.row_baseline is None else ("column", "row")
+            message = f"missing, while {other}_baseline is given: give both or none"
+            raise wrong_value(message, key=f"{name}_baseline")
         return self
 
     def gains(self) -> Float[Array, " e"]:
@@ -197,19 +187,18 @@ class CrossedSettings(ElectrodeLinesSettings):
     def sensor(self, parts):
         """Raises ConfigError for a contact that there is not, or that presses on no flat face."""
         part, chart = parts.contact_of(self.name, self.contact), self._chart(parts)
-        return CrossedElectrodes(
-            self.name,
-            self.channels,
-            self.contact,
-            1,  # profiles of two contacts cannot be told apart
-            self.location == "weighted-mean",
-            self.array(),
-            self.peak_model(part.radius),
-            self.touch.detector(self.noise_counts),
-            self.pose.pose(),
-            chart,
-            jnp.asarray(part.low, float),
-            jnp.asarray(part.high, float),
+        return parameters(
+            CrossedElectrodes,
+            self,
+            slots=1,  # profiles of two contacts cannot be told apart
+            weighted_mean=self.location == "weighted-mean",
+            array=self.array(),
+            peak=self.peak_model(part.radius),
+            detector=parameters(TouchDetector, self.touch, self),
+            pose=self.pose.pose(),
+            chart=chart,
+            low_m=part.low,
+            high_m=part.high,
         )
 
     @property
@@ -222,7 +211,7 @@ class CrossedSettings(ElectrodeLinesSettings):
         middle = _field(self._lines, part.radius).panels.middle
         pose, d = self.pose.pose(), np.asarray(chart.direction)
         at = np.array([chart.place(pose.on_body(jnp.asarray(each[:2])))[0] for each in middle])
-        depth = -face_height(parts, d) - middle[:, 2]
+        depth = -_face_height(parts, d) - middle[:, 2]
         return at + (depth - at @ d)[:, None] * d
 
     def signal(self, parts, contacts: Sequence[TrueContact], moved: Float[np.ndarray, "m 3"]):
@@ -242,9 +231,9 @@ class CrossedSettings(ElectrodeLinesSettings):
             raise self._wrong("crossed lines see one contact, not several at once")
         (contact,) = contacts
         d, rest = np.asarray(chart.direction), field.panels.middle
-        local = coordinates(chart, contact)
+        local = chart.coordinates(contact.place)
         x, y = np.asarray(self.pose.pose().on_array(jnp.asarray(local)))
-        placed = np.column_stack([rest[:, :2], -(moved @ d) - face_height(parts, d)])
+        placed = np.column_stack([rest[:, :2], -(moved @ d) - _face_height(parts, d)])
         under = np.hypot(rest[:, 0] - x, rest[:, 1] - y) < part.radius
         for layer in np.unique(rest[:, 2]):
             those = under & (rest[:, 2] == layer)
@@ -273,3 +262,9 @@ class CrossedSettings(ElectrodeLinesSettings):
 @cache
 def _field(lines: CrossedLines, radius: float) -> ArrayField:
     return ArrayField(lines, FieldSettings(radius=radius))
+
+
+def _face_height(parts: Parts, direction: Float[np.ndarray, "3"]) -> float:
+    """How far [m] the outermost point of the body's faces is against a direction (3,), from the origin."""
+    nodes = np.unique(np.asarray(parts.faces))
+    return float(np.max(-np.asarray(parts.body.rest)[nodes] @ direction))

@@ -33,26 +33,20 @@ from softfuse.sensors.capacitive import ArrayState, CapacitiveArray, array_signa
 
 
 class TouchDetector(eqx.Module):
-    """Thresholds; all fields are leaves."""
+    """Thresholds, see above: of the strength in standard deviations of one electrode's reading, or counts; of
+    the flow from zero, which means contact while something is near, in its own; parts of the touch's largest
+    strength; frames in a row. All fields are leaves.
+    """
 
     noise_counts: Float[Array, ""]
-    """Standard deviation of one electrode's reading [counts]."""
     near_on_sigma: Float[Array, ""]
-    """Strength at which something is near [standard deviations of one reading]."""
     near_off_sigma: Float[Array, ""]
-    """Strength at which it is no longer near [standard deviations]."""
     contact_on_counts: Float[Array, ""]
-    """Strength that only contact reaches [counts]."""
     flow_sigma: Float[Array, ""]
-    """Deviation of the flow from zero that means contact while something is near [standard deviations]."""
     release_fraction: Float[Array, ""]
-    """Fraction of the touch's largest strength at which it ends."""
     return_fraction: Float[Array, ""]
-    """Fraction of that strength at which a touch begins again while the thing has stayed near."""
     on_frames: Int[Array, ""]
-    """Number of frames in a row that begin a touch."""
     off_frames: Int[Array, ""]
-    """Number of frames in a row that end a touch."""
 
 
 class TouchState(eqx.Module):

@@ -1,6 +1,6 @@
 """Which things make an image of mutual capacitances: how many, where, and how strong each is.
 
-One reading cannot tell how much of it is shielding and how much coupling (`mutual_model`), and on cells as
+One reading cannot tell how much of it is shielding and how much coupling (`mutual.model`), and on cells as
 wide as a finger their shapes hardly differ: what came before must. So each source has one unknown strength
 besides its place:
 
@@ -21,7 +21,7 @@ that fits worst, two of them side by side. It stays when it mends the cost by `w
 followed at most one is added in a frame. While nothing presses, an image tells everything by itself: then its
 sources are sought afresh too, and taken where they explain it better, so that what was made of things far
 away, whose images are broad, does not stay; not while they shield less than before, which may be coupling.
-The cost is that of `mutual_cost`. Cells are split like a watershed: each belongs to the source that has the
+The cost is that of `mutual.cost`. Cells are split like a watershed: each belongs to the source that has the
 largest part in it.
 """
 

@@ -25,13 +25,10 @@ Both effects are small against the whole capacitance, so they add up. Then cross
 (minus while something grounded hovers), as images (c, r) with the first index along x.
 """
 
-from collections.abc import Sequence
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 _FAINTEST = 1e-3  # of contact: below, shielding has no distance to speak of
@@ -47,25 +44,26 @@ def _unit_disc() -> Float[np.ndarray, "q 2"]:
 _DISC = _unit_disc()
 
 
+def mean_pitch(column_x, row_y):
+    """Mean distance between neighbours among lines at column_x (c,) and among those at row_y (r,)."""
+    x, y = ((line[-1] - line[0]) / (len(line) - 1) for line in (column_x, row_y))
+    return 0.5 * (x + y)
+
+
 class MutualModel(eqx.Module):
-    """The grid and what is assumed about what touches it; all fields are leaves."""
+    """The grid: x of its columns' centre lines (c,), y of its rows' (r,), ascending, b, t and R [m], a (c,
+    r), and χ; and what is assumed about what touches it. All fields are leaves.
+    """
 
     column_x_m: Float[Array, " c"]
-    """(c,) x of the columns' centre lines [m], ascending."""
     row_y_m: Float[Array, " r"]
-    """(r,) y of the rows' centre lines [m], ascending."""
     half_width_m: Float[Array, ""]
-    """Half the width b of a line [m]."""
     depth_m: Float[Array, ""]
-    """Depth t of the electrodes below the surface [m]."""
     finger_radius_m: Float[Array, ""]
-    """Radius R of what touches [m]."""
     contact_counts: Float[Array, ""]
     """Drop of a cell's reading under a grounded finger that lies on it without force [counts]."""
     gain: Float[Array, "c r"]
-    """(c, r) signal of each cell relative to that of all, first index along x."""
     crosstalk: Float[Array, ""]
-    """Part χ of the signals of a column's and a row's other cells that a cell shows as well."""
     shield_sigma: Float[Array, ""]
     """Standard deviation of the shielding of different fingers in contact, by which s may exceed 1."""
     noise_counts: Float[Array, ""]
@@ -78,8 +76,7 @@ class MutualModel(eqx.Module):
     @property
     def pitch_m(self) -> Float[Array, ""]:
         """Mean distance between neighbouring lines [m]."""
-        x, y = self.column_x_m, self.row_y_m
-        return 0.5 * ((x[-1] - x[0]) / (x.shape[0] - 1) + (y[-1] - y[0]) / (y.shape[0] - 1))
+        return mean_pitch(self.column_x_m, self.row_y_m)
 
 
 class Sources(eqx.Module):
@@ -91,14 +88,6 @@ class Sources(eqx.Module):
     """(n,) shielding s >= 0; 1 in contact."""
     coupling: Float[Array, " n"]
     """(n,) coupling k >= 0, in the same unit."""
-
-
-def mean_pitch(
-    column_x_m: Float[ArrayLike, " c"] | Sequence[float], row_y_m: Float[ArrayLike, " r"] | Sequence[float]
-) -> float:
-    """Mean distance [m] of neighbours among columns at column_x_m (c,) and among rows at row_y_m (r,) [m]."""
-    pitches = [np.mean(np.diff(np.asarray(lines, float))) for lines in (column_x_m, row_y_m)]
-    return float(np.mean(pitches))
 
 
 def height_of(model: MutualModel, shield: Float[Array, ""]) -> Float[Array, ""]:

@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float
 from softfuse.functional.chart import AbstractChart
 from softfuse.sensors.base import AbstractContactSensor, Evidence, Image, Touch
 from softfuse.sensors.capacitive import ArrayState, CapacitiveArray, array_init, array_signal, track_baseline
-from softfuse.sensors.contact_places import SlotsUsed, assign_slots, chart_places, slots_init, within
+from softfuse.sensors.contact_places import SlotsUsed, apart, assign_slots, chart_places, slots_init, within
 from softfuse.sensors.mutual.fit import MutualFit, Splitting, best_place, fit_sources, no_fit
 from softfuse.sensors.mutual.model import MutualModel
 from softfuse.sensors.mutual.touch_tracks import (
@@ -76,6 +76,7 @@ class MutualElectrodes(AbstractContactSensor):
     images allow.
     """
 
+    misses = False  # what does not conduct couples
     array: CapacitiveArray
     model: MutualModel
     splitting: Splitting
@@ -88,11 +89,6 @@ class MutualElectrodes(AbstractContactSensor):
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
 
-    @property
-    def misses(self):
-        """What does not conduct couples."""
-        return False
-
     def image(self, details):
         """Of all crossings."""
         x_m, y_m = (np.asarray(each) for each in (self.model.column_x_m, self.model.row_y_m))
@@ -100,9 +96,7 @@ class MutualElectrodes(AbstractContactSensor):
 
     def init(self):
         """Untouched. Raises ConfigError when there are more contacts than touches that the grid follows."""
-        # Contacts that nothing has touched yet wait apart: two in one place would be one.
-        share = (jnp.arange(self.slots) + 0.5)[:, None] / self.slots
-        waiting = self.low_m + share * (self.high_m - self.low_m)
+        waiting = apart(self.low_m, self.high_m, self.slots)
         return MutualState(*self._untouched(), slots_init(self.slots, self.touches), waiting)
 
     def _untouched(self) -> tuple[ArrayState, TouchTracks]:

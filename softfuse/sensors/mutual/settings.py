@@ -24,8 +24,8 @@ from softfuse.sensors.mutual.model import MutualModel, mean_pitch
 from softfuse.sensors.mutual.sensor import MutualElectrodes
 from softfuse.sensors.mutual.touch_tracks import MOST_TRACKS, TouchFollower
 from softfuse.sensors.parameters import parameters
+from softfuse.sensors.parts import TrueContact
 from softfuse.sensors.place_information import place_told_by_grid
-from softfuse.sensors.true_contact import TrueContact, coordinates
 
 # Of virtual cells: counts at rest and by how much they differ, spread of gains, drift of all and of each
 # after one second, and over which time no further.
@@ -193,7 +193,7 @@ class MutualSettings(ElectrodeLinesSettings):
         chart = self._chart(parts)
         things = []
         for contact in contacts:
-            x, y = coordinates(chart, contact)
+            x, y = chart.coordinates(contact.place)
             distance = max(contact.gap, 0.0)
             things.append(Thing((float(x), float(y)), distance, contact.force, contact.radius))
         return self._field.with_crosstalk(self._field.change(things)).T.ravel()

@@ -1,13 +1,13 @@
 """Touches followed from image to image: each keeps its number, and is near, light or firm.
 
-Every track expects its source at p + v dt, and the sources of an image (`mutual_fit`) are assigned to the
+Every track expects its source at p + v dt, and the sources of an image (`mutual.fit`) are assigned to the
 tracks so that the sum of squared distances, none counted beyond `gate_m`², is the least of all permutations.
 A track without a source is remembered for `memory_s`: what comes back there is the same touch. What no track
 expects is a new one, with the next number.
 
 * proximity: something shields, by less than `contact_on` of contact.
 * light touch: by more for `on_frames`; or something couples that does not shield, for as long. From then on
-  its shielding is held and what changes is coupling (`mutual_fit`), until the image is that of a thing that
+  its shielding is held and what changes is coupling (`mutual.fit`), until the image is that of a thing that
   hovers, and shields by less, for `off_frames`.
 * firm touch: coupling above `firm_on` for `on_frames`, until below `firm_off` for `off_frames`.
 
@@ -37,32 +37,26 @@ _STILL_M_S = 20e-3  # slower is rest: errors of places must not add up to a moti
 
 
 class TouchFollower(eqx.Module):
-    """Thresholds; all fields are leaves."""
+    """Thresholds, see above: of shielding and coupling; distances, times and frames in a row. All fields are
+    leaves.
+
+    `coupling_on`, `coupling_off`: when something that does not shield touches, and does no longer; `faint`:
+    shielding below which something that hovers is gone; `speed_s`: time over which speeds are averaged;
+    `longest_touch_s`: after which a touch is taken for a change of the array.
+    """
 
     contact_on: Float[Array, ""]
-    """Shielding above which something touches."""
     coupling_on: Float[Array, ""]
-    """Coupling above which something touches that does not shield."""
     coupling_off: Float[Array, ""]
-    """Coupling below which it does no longer."""
     faint: Float[Array, ""]
-    """Shielding below which something that hovers is gone."""
     firm_on: Float[Array, ""]
-    """Coupling above which a touch is firm."""
     firm_off: Float[Array, ""]
-    """Coupling below which it is no longer."""
     gate_m: Float[Array, ""]
-    """Largest distance of a source from where its track expects it [m]."""
     memory_s: Float[Array, ""]
-    """Time for which a track is remembered [s]."""
     speed_s: Float[Array, ""]
-    """Time over which speeds are averaged [s]."""
     longest_touch_s: Float[Array, ""]
-    """Time after which a touch is taken for a change of the array [s]."""
     on_frames: Int[Array, ""]
-    """Number of frames in a row that begin something."""
     off_frames: Int[Array, ""]
-    """Number of frames in a row that end it."""
 
 
 class TouchTracks(eqx.Module):

@@ -27,6 +27,7 @@ drift d is there for it. A cavity that is open (τ of some tenths of a second) s
 leak.
 """
 
+from dataclasses import fields, replace
 from typing import Annotated, Self
 
 import equinox as eqx
@@ -41,24 +42,18 @@ from softfuse.sensors.parameters import parameters
 
 
 class LeakTest(eqx.Module):
-    """Parameters of the test; all fields are leaves, one value for all channels."""
+    """Parameters of the test, see above, one value for all channels: θ0, evidence, time over which the
+    pressure at rest is averaged, repeat, d, p_lost, memory, σ_θ. All fields are leaves.
+    """
 
     tolerated_1_s: Float[Array, ""]
-    """Largest rate θ0 that is no leak [1/s]."""
     sigma: Float[Array, ""]
-    """Evidence that makes a leak [standard deviations]."""
     window_s: Float[Array, ""]
-    """Time over which the pressure at rest is averaged [s]."""
     repeat_Pa: Float[Array, ""]
-    """Standard deviation with which the pressure at rest comes back after a deformation [Pa]."""
     drift_Pa_s: Float[Array, ""]
-    """Standard deviation of the rate at which the pressure at rest drifts [Pa/s]."""
     unknown_Pa: Float[Array, ""]
-    """Standard deviation of the pressure while the channel is not readable [Pa]."""
     memory_s: Float[Array, ""]
-    """Deformed time after which a deformation weighs 1/e [s]."""
     prior_1_s: Float[Array, ""]
-    """Standard deviation σ_θ of the rate before any deformation [1/s]."""
 
 
 class LeakSettings(Settings):
@@ -126,22 +121,8 @@ class LeakState(eqx.Module):
 def leak_init(channels: int) -> LeakState:
     """State before the first frame: no rest was seen, nothing leaks."""
     nothing, no = jnp.zeros(channels), jnp.zeros(channels, bool)
-    return LeakState(
-        equilibrium_Pa=nothing,
-        known=no,
-        level_Pa=nothing,
-        level_variance_Pa2=nothing,
-        mean_Pa=nothing,
-        mean_variance_Pa2=nothing,
-        mean_frames=jnp.zeros(channels, int),
-        mean_s=nothing,
-        integral_Pas=nothing,
-        apart_s=nothing,
-        lost_s=nothing,
-        information_s2=nothing,
-        score_s=nothing,
-        leaking=no,
-    )
+    zeros = {each.name: nothing for each in fields(LeakState)}
+    return LeakState(**zeros | {"known": no, "mean_frames": jnp.zeros(channels, int), "leaking": no})
 
 
 def leak_rate(test: LeakTest, state: LeakState) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
@@ -164,15 +145,12 @@ def _average_at_rest(
     weight = jnp.maximum(1.0 / jnp.maximum(frames, 1), 1.0 - jnp.exp(-dt_s / test.window_s))
     weight = jnp.where(observed, weight, 0.0)
     variance = (1.0 - weight) ** 2 * state.mean_variance_Pa2 + weight**2 * noise_Pa**2
-    return eqx.tree_at(
-        lambda s: (s.mean_Pa, s.mean_variance_Pa2, s.mean_frames, s.mean_s),
+    return replace(
         state,
-        (
-            state.mean_Pa + weight * (pressure_Pa - state.mean_Pa),
-            variance,
-            frames,
-            jnp.where(at_rest, state.mean_s + jnp.where(observed, dt_s, 0.0), 0.0),
-        ),
+        mean_Pa=state.mean_Pa + weight * (pressure_Pa - state.mean_Pa),
+        mean_variance_Pa2=variance,
+        mean_frames=frames,
+        mean_s=jnp.where(at_rest, state.mean_s + jnp.where(observed, dt_s, 0.0), 0.0),
     )
 
 
@@ -220,13 +198,10 @@ def leak_update(
     weight = jnp.where(ended, 1.0 / variance, 0.0)
     keep = jnp.where(contrary, 0.0, jnp.exp(-apart / test.memory_s))
     keep = jnp.where(ended, keep, 1.0)
-    state = eqx.tree_at(
-        lambda s: (s.information_s2, s.score_s),
+    state = replace(
         state,
-        (
-            keep * state.information_s2 + weight * integral**2,
-            keep * state.score_s - weight * difference * integral,
-        ),
+        information_s2=keep * state.information_s2 + weight * integral**2,
+        score_s=keep * state.score_s - weight * difference * integral,
     )
     rate, rate_sigma = leak_rate(test, state)
     evidence = (rate - test.tolerated_1_s) / rate_sigma
@@ -236,20 +211,14 @@ def leak_update(
     equilibrium = jnp.where(first, state.mean_Pa, state.equilibrium_Pa)
     # The mean before a press is as old as half its duration, or as the window with exponential weights.
     before = (state.mean_Pa - equilibrium) * jnp.minimum(0.5 * state.mean_s, test.window_s)
-    return eqx.tree_at(
-        lambda s: (
-            s.equilibrium_Pa, s.known, s.level_Pa, s.level_variance_Pa2,
-            s.integral_Pas, s.apart_s, s.lost_s, s.leaking,
-        ),
+    return replace(
         state,
-        (
-            equilibrium,
-            state.known | settled,
-            jnp.where(settled, state.mean_Pa, state.level_Pa),
-            jnp.where(settled, state.mean_variance_Pa2, state.level_variance_Pa2),
-            jnp.where(settled, before, integral),
-            jnp.where(settled, 0.0, apart),
-            jnp.where(settled, 0.0, lost),
-            jnp.where(state.leaking, ~ends, begins),
-        ),
-    )  # fmt: skip
+        equilibrium_Pa=equilibrium,
+        known=state.known | settled,
+        level_Pa=jnp.where(settled, state.mean_Pa, state.level_Pa),
+        level_variance_Pa2=jnp.where(settled, state.mean_variance_Pa2, state.level_variance_Pa2),
+        integral_Pas=jnp.where(settled, before, integral),
+        apart_s=jnp.where(settled, 0.0, apart),
+        lost_s=jnp.where(settled, 0.0, lost),
+        leaking=jnp.where(state.leaking, ~ends, begins),
+    )

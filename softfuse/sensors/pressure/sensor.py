@@ -19,6 +19,15 @@ lags τ behind: shapes are slow, noise is not. To the noise of the pressures com
 ones: a part `model_error` of the largest change among all chambers, for what the model misses of one way of
 bending is seen in every chamber. While something is near, changes count from the last frame before: what the
 model misses of the shape before is known (`estimation.model_offset`).
+
+The pressure of sealed gas tells the change of its volume V, tube and port included, whose gas is compressed
+as well:
+
+    p_abs V^κ = P0 V0^κ,   p_abs = P0 + p,   dV = V - V0 = V0 ((1 + p/P0)^(-1/κ) - 1),
+
+negative in a squeezed chamber, as with flow sensors. κ = 1 isothermal (slower than about a second: the gas of
+a chamber a few millimetres wide takes up the temperature of its walls within some tenths), κ = 1.4 adiabatic
+air. Source: Navarro et al., RA-L 5(4), 2020, eqs. (5) to (7).
 """
 
 from dataclasses import replace
@@ -30,7 +39,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from softfuse.sensors.base import AbstractSensor, Hint, Measurement, VolumeChange
-from softfuse.sensors.gas import volume_change_of
 from softfuse.sensors.lag import lag_of, oldest, pushed, usable_mean
 from softfuse.sensors.pressure.leak import LeakState, LeakTest, leak_init, leak_rate, leak_update
 from softfuse.sensors.tare import Tare, TareState, tare_init, tare_known, tare_update, tare_variance
@@ -86,7 +94,6 @@ class PressureReading(eqx.Module):
 class GaugePressure(AbstractSensor):
     """k equal pressure sensors, one on each of some chambers."""
 
-    tapped: tuple[str, ...] = eqx.field(static=True)
     sealed: tuple[bool, ...] = eqx.field(static=True)
     """Whether the gas of each chamber does not escape, so that its pressure tells the volume."""
     supplied: bool = eqx.field(static=True)
@@ -140,11 +147,6 @@ class GaugePressure(AbstractSensor):
     lag_frames: int = eqx.field(static=True)
     """Number of frames by which tare and leak test run behind."""
 
-    @property
-    def chambers(self):
-        """Those whose gas is sealed in."""
-        return tuple(name for name, sealed in zip(self.tapped, self.sealed, strict=True) if sealed)
-
     def init(self):
         """At rest."""
         # A state of other dtypes than its successor's would compile the update twice.
@@ -177,7 +179,7 @@ class GaugePressure(AbstractSensor):
         """Raw readings, and the reference as the last of them where it is measured; `details`:
         PressureReading.
         """
-        k = len(self.tapped)
+        k = len(self.sealed)
         reference = raw[k] if self.supplied else jnp.asarray(jnp.nan)
         later, seen = self.filtered(state, frame.dt_s, raw[:k], reference, context.resting)
         mean, known, noise = self._averaged(state, frame.dt_s, seen)
@@ -291,8 +293,23 @@ class GaugePressure(AbstractSensor):
         change = volume_change_of(
             jnp.maximum(gauge_Pa[here], least),
             self.volume_m3[here],
-            jnp.zeros(here.size),
-            atmosphere=self.atmosphere_Pa[here],
-            exponent=self.exponent[here],
+            self.atmosphere_Pa[here],
+            self.exponent[here],
         )
         return VolumeChange(change, valid[here])
+
+
+def volume_change_of(
+    gauge_Pa: Float[Array, " *k"],
+    volume_m3: Float[Array, " *k"],
+    atmosphere_Pa: float | Float[Array, " *k"],
+    exponent: float | Float[Array, " *k"] = 1.0,
+) -> Float[Array, " *k"]:
+    """Volume change [m^3] of sealed gas whose pressure has changed.
+
+    Args: gauge_Pa p since rest [Pa]; volume_m3 V0 at rest [m^3]; atmosphere_Pa absolute pressure P0 at rest
+    [Pa]; exponent κ [-].
+    Returns: dV of gauge_Pa's shape, > -V0; infinite at vacuum, NaN below it.
+    """
+    # expm1 and log1p: the plain power loses 1e-16 P0 V0 to rounding, which is 1e-10 of a pressure of 0.1 Pa.
+    return volume_m3 * jnp.expm1(-jnp.log1p(gauge_Pa / atmosphere_Pa) / exponent)

@@ -157,7 +157,7 @@ class PressureSettings(PartSettings):
             self,
             channels=self.columns,
             units=("Pa",) * k,
-            tapped=self.chambers,
+            chambers=tuple(name for name, made in zip(self.chambers, chambers, strict=True) if made.sealed),
             sealed=tuple(chamber.sealed for chamber in chambers),
             supplied=self.reference_channel is not None,
             gain_1_Pa=each(slope),
