@@ -6,12 +6,14 @@ out.
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Self
 
 from annotated_types import Ge, Gt
-from pydantic import BeforeValidator, ValidationInfo
+from pydantic import BeforeValidator, ValidationInfo, model_validator
 
-from softfuse.io.quantity import VOLTAGE, VOLTAGE_WALK, Dimension, shown, wrong_value
+from softfuse.io.quantity import VOLTAGE, VOLTAGE_WALK, Dimension, PositiveNumber, shown, wrong_value
+from softfuse.io.settings import NotEmpty, listed
+from softfuse.sensors.base import Names, SensorSettings
 
 
 def number(value: Any) -> float:
@@ -54,3 +56,27 @@ RawSpread = Annotated[Raw, Ge(0)]
 
 RawWalk = Annotated[float, in_output(VOLTAGE_WALK), Ge(0)]
 """A random walk in V/√s, or in 1/√s of plain numbers."""
+
+
+class PartSettings(SensorSettings):
+    """Sensors on chambers, one channel for each, all of one part; gain [-]: what is measured over what there
+    is, one value or one for each chamber.
+    """
+
+    quantity: ClassVar[str]
+    """Of a chamber, see `quantities`."""
+
+    chambers: Names
+    gain: Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)] = (1.0,)
+
+    @property
+    def quantities(self):
+        """One of each chamber."""
+        return (self.quantity,) * len(self.chambers)
+
+    @model_validator(mode="after")
+    def _check_counts(self) -> Self:
+        self._one_each("gain", self.gain, len(self.channels))
+        if len(self.chambers) != len(self.channels):
+            raise wrong_value(f"{len(self.channels)} for {len(self.chambers)} chambers", key="channels")
+        return self

@@ -7,14 +7,14 @@ latter they follow from the sheet's 0.05 L/min of noise.
 """
 
 from types import MappingProxyType
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from annotated_types import Gt
-from pydantic import BeforeValidator, model_validator
+from pydantic import model_validator
 
 from softfuse.io.quantity import (
     FLOW_SENSITIVITY,
@@ -25,9 +25,8 @@ from softfuse.io.quantity import (
     PositiveTime,
     wrong_value,
 )
-from softfuse.io.settings import NotEmpty, listed
 from softfuse.mechanics.reading import JointReading, ShapeReading
-from softfuse.sensors.base import AbstractSensor, Hint, Measurement, Names, SensorSettings, VolumeChange
+from softfuse.sensors.base import AbstractSensor, Hint, Measurement, VolumeChange
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.flow.filter import (
     FlowSensor,
@@ -37,7 +36,7 @@ from softfuse.sensors.flow.filter import (
     flow_update,
     mean_flow,
 )
-from softfuse.sensors.transfer import PositiveRaw, Raw, RawSpread, RawWalk, in_output, of_part
+from softfuse.sensors.transfer import PartSettings, PositiveRaw, Raw, RawSpread, RawWalk, in_output, of_part
 from softfuse.sensors.zero_drift import ZeroDrift
 
 _COUNTS_PER_FLOW = Dimension("counts per flow", "s/m^3", "140 min/L")
@@ -130,7 +129,7 @@ class Flow(AbstractSensor):
         return state, Measurement(change, seen.volume_sigma_m3, valid, flags, seen.drift, told, seen)
 
 
-class FlowSettings(SensorSettings):
+class FlowSettings(PartSettings):
     """Flow sensors on vented chambers, one channel for each; keys left out are those of the `part`.
 
     output: what channels carry, "volts" or "counts"; zero, low, high, noise, bias_sigma, wander_sigma,
@@ -141,13 +140,13 @@ class FlowSettings(SensorSettings):
     at which it has risen by 63 %.
     """
 
+    quantity: ClassVar[str] = "volume"
+
     type: Literal["flow"] = "flow"
-    chambers: Names
     part: str | None = None
     output: Literal["volts", "counts"] = "volts"
     zero: Raw
     sensitivity: Annotated[float, in_output(FLOW_SENSITIVITY, _COUNTS_PER_FLOW), Gt(0)]
-    gain: Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)] = (1.0,)
     low: Raw
     high: Raw
     noise: PositiveRaw
@@ -176,15 +175,7 @@ class FlowSettings(SensorSettings):
             raise wrong_value(
                 f"zero = {self.zero:g} must lie between low = {self.low:g} and high = {self.high:g}"
             )
-        self._one_each("gain", self.gain, len(self.channels))
-        if len(self.chambers) != len(self.channels):
-            raise wrong_value(f"{len(self.channels)} for {len(self.chambers)} chambers", key="channels")
         return self
-
-    @property
-    def quantities(self):
-        """One of each chamber."""
-        return ("volume",) * len(self.chambers)
 
     def filter(self) -> FlowSensor:
         """The filter of k channels."""

@@ -9,7 +9,7 @@ chamber. While something is near, changes count from the last frame before: what
 before is known (`estimation.model_offset`).
 """
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -30,9 +30,9 @@ from softfuse.io.quantity import (
     PressureRate,
     wrong_value,
 )
-from softfuse.io.settings import NotEmpty, Settings, listed
+from softfuse.io.settings import Settings
 from softfuse.mechanics.reading import AnswerReading, DriveReading, JointReading
-from softfuse.sensors.base import AbstractSensor, Hint, Measurement, Names, SensorSettings, VolumeChange
+from softfuse.sensors.base import AbstractSensor, Hint, Measurement, VolumeChange
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.gas import volume_change_of
 from softfuse.sensors.parts import ChamberPart
@@ -46,7 +46,7 @@ from softfuse.sensors.pressure.filter import (
 )
 from softfuse.sensors.pressure.leak import LeakSettings
 from softfuse.sensors.tare import Tare
-from softfuse.sensors.transfer import PositiveRaw, Raw, of_part
+from softfuse.sensors.transfer import PartSettings, PositiveRaw, Raw, of_part
 
 _SLOPE = Dimension("an output per pressure", "Pa^-1", "0.009 kPa^-1")
 
@@ -216,7 +216,7 @@ def _ascending(values: tuple[float, float]) -> tuple[float, float]:
     return values
 
 
-class PressureSettings(SensorSettings):
+class PressureSettings(PartSettings):
     """Pressure sensors on sealed or pressurised chambers, one channel for each; keys left out are the
     `part`'s.
 
@@ -230,8 +230,9 @@ class PressureSettings(SensorSettings):
     pressure by which every modelled one may be wrong. average: time constant in s; hold_off in s.
     """
 
+    quantity: ClassVar[str] = "pressure"
+
     type: Literal["pressure"] = "pressure"
-    chambers: Names
     part: str | None = None
     output: Literal["volts", "counts"] = "volts"
     range: Annotated[tuple[Pressure, Pressure], AfterValidator(_ascending)]
@@ -249,7 +250,6 @@ class PressureSettings(SensorSettings):
     error: PositiveNumber = 0.025
     bits: PositiveInteger
     full_scale: PositiveRaw
-    gain: Annotated[tuple[PositiveNumber, ...], NotEmpty, BeforeValidator(listed)] = (1.0,)
     gain_sigma: Annotated[Number, Ge(0)] = 0.01
     model_error: Annotated[Number, Ge(0)] = 0.05
     average: PositiveTime = 0.2
@@ -275,20 +275,12 @@ class PressureSettings(SensorSettings):
         if self.reference_range and not self.reference_range[0] <= self.reference <= self.reference_range[1]:
             low, high = self.reference_range
             raise wrong_value(f"{self.reference:g} is not between {low:g} and {high:g}", key="reference")
-        self._one_each("gain", self.gain, len(self.channels))
-        if len(self.chambers) != len(self.channels):
-            raise wrong_value(f"{len(self.channels)} for {len(self.chambers)} chambers", key="channels")
         return self
 
     @property
     def columns(self):
         """Those of the chambers, then that of the reference."""
         return (*self.channels, *(() if self.reference_channel is None else (self.reference_channel,)))
-
-    @property
-    def quantities(self):
-        """One of each chamber."""
-        return ("pressure",) * len(self.chambers)
 
     @property
     def line(self) -> tuple[float, float]:
