@@ -4,6 +4,7 @@ from softfuse.design.plan import DesignPlan
 from softfuse.errors import ConfigError
 from softfuse.robot.file import Edits, Key
 from softfuse.robot.settings import RobotSettings
+from softfuse.sensors.transfer import PartSettings
 
 OWN = ("name", "centre", "shift", "growth")
 """What a plan's chamber has of its own: how one was made differs from its drawing."""
@@ -60,10 +61,8 @@ def channel_edits(plan: DesignPlan, config: RobotSettings) -> Edits:
     """
     names, before = ([each.name for each in chambers] for chambers in (plan.cavities, config.chambers))
     edits: dict[Key, list[str]] = {}
-    for k, sensor in enumerate(config.sensors):
-        ends = {_CHANNELS.get(quantity) for quantity in sensor.quantities or ()} - {None}
-        if not ends:
-            continue
+    for sensor in config.sensors_of(PartSettings):
+        k = config.sensors.index(sensor)
         if len(names) == len(before):
             edits["sensor", k, "chambers"] = [names[before.index(name)] for name in sensor.chambers]
             continue
@@ -73,7 +72,7 @@ def channel_edits(plan: DesignPlan, config: RobotSettings) -> Edits:
                 f"{plan.path}: cavity: {len(names)} of them, but sensor[{k}] of {config.path} has {what}: "
                 "give it one for all, or draw as many cavities"
             )
-        (end,), own = ends, list(sensor.channels[: len(names)])
+        end, own = _CHANNELS[sensor.quantity], list(sensor.channels[: len(names)])
         edits["sensor", k, "chambers"] = names
         edits["sensor", k, "channels"] = own + [f"{name} {end}" for name in names[len(own) :]]
     return edits

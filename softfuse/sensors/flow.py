@@ -323,6 +323,7 @@ class FlowSettings(PartSettings):
     """
 
     known_parts: ClassVar = _PARTS
+    quantity: ClassVar = "volume"
 
     type: Literal["flow"] = "flow"
     zero: Raw
@@ -346,11 +347,6 @@ class FlowSettings(PartSettings):
                 f"zero = {self.zero:g} must lie between low = {self.low:g} and high = {self.high:g}"
             )
         return self
-
-    @property
-    def quantities(self):
-        """One of each chamber."""
-        return ("volume",) * len(self.chambers)
 
     def sensor(self, parts):
         """Raises ConfigError for a chamber that there is not, or that has no vent."""

@@ -81,6 +81,7 @@ class PressureSettings(PartSettings):
     """
 
     known_parts: ClassVar = PRESSURE_PARTS
+    quantity: ClassVar = "pressure"
 
     type: Literal["pressure"] = "pressure"
     range: Annotated[tuple[Pressure, Pressure], AfterValidator(_ascending)]
@@ -114,11 +115,6 @@ class PressureSettings(PartSettings):
             low, high = self.reference_range
             raise wrong_value(f"{self.reference:g} is not between {low:g} and {high:g}", key="reference")
         return self
-
-    @property
-    def quantities(self):
-        """One of each chamber."""
-        return ("pressure",) * len(self.chambers)
 
     @property
     def columns(self):
