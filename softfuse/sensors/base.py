@@ -9,13 +9,13 @@ readings of all other sensors; the places of contacts. All of it is pure and cau
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
-from pydantic import AfterValidator, BeforeValidator
+from pydantic import AfterValidator, BeforeValidator, model_validator
 
 from softfuse.errors import ConfigError
 from softfuse.functional.chart import FlatChart
@@ -224,8 +224,17 @@ class SensorSettings(Settings):
     What it may measure is in `Parts`; a sensor that does not go with them raises ConfigError.
     """
 
+    channels_for: ClassVar[tuple[int, str] | None] = None
+    """How many channels every one has, and for what; None where the table says."""
+
     name: str
     channels: Names
+
+    @model_validator(mode="after")
+    def _check_channels(self) -> Self:
+        if self.channels_for is not None:
+            self._count(*self.channels_for)
+        return self
 
     @property
     def columns(self) -> tuple[str, ...]:

@@ -3,11 +3,11 @@
 What it reads of the body's own weight is in the zero; what moves the weight changes the moment.
 """
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
 import jax.numpy as jnp
 import numpy as np
-from pydantic import BeforeValidator, model_validator
+from pydantic import BeforeValidator
 
 from softfuse.io.quantity import FORCE, MOMENT, PositiveForce, PositiveMoment
 from softfuse.io.settings import Vector
@@ -28,6 +28,8 @@ class BaseWrenchSettings(ScaledSettings):
     of moments in N m.
     """
 
+    channels_for: ClassVar = (len(_NAMES), "three forces and three moments")
+
     type: Literal["base-wrench"] = "base-wrench"
     origin: Vector = (0.0, 0.0, 0.0)
     axes: Axes = WORLD
@@ -40,11 +42,6 @@ class BaseWrenchSettings(ScaledSettings):
     moment_noise: PositiveMoment = 1e-4
     moment_offset_sigma: PositiveMoment = 1e-3
     moment_drift: PositiveMoment = 2e-6
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        self._count(len(_NAMES), "three forces and three moments")
-        return self
 
     @property
     def _errors(self):

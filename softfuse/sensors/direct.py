@@ -17,11 +17,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from softfuse.io.quantity import Duration, PositiveNumber, PositiveTime
+from softfuse.io.quantity import Duration, PositiveNumber
 from softfuse.sensors.base import AbstractSensor, Measurement, SensorSettings
 from softfuse.sensors.electronics import ChannelElectronics, equal_channels
 from softfuse.sensors.parameters import parameters
-from softfuse.sensors.tare import Tare, TareState, tare_init, tare_known, tare_update, tare_variance
+from softfuse.sensors.tare import (
+    Tare,
+    TareState,
+    TareTimes,
+    tare_init,
+    tare_known,
+    tare_update,
+    tare_variance,
+)
 
 if TYPE_CHECKING:
     from softfuse.sensors.parts import Parts
@@ -121,20 +129,14 @@ class Direct(AbstractSensor):
         )
 
 
-class DirectSettings(SensorSettings):
+class DirectSettings(TareTimes, SensorSettings):
     """What such sensors have in common; kinds give the size of their zero's and noise's errors.
 
-    tared: whether the zero is taken at rest, within settle, and followed with the time constant follow, in s;
-    else what a perfect part says of the model at rest is the zero. gate_sigma: what is further from the zero,
-    in standard deviations, is none; after relearn, in s, of it the zero is learnt anew. gain_sigma: relative
-    error of a part; average in s.
+    tared: whether the zero is taken at rest, else what a perfect part says of the model at rest is the zero.
+    gain_sigma: relative error of a part; average in s.
     """
 
     tared: bool = True
-    settle: PositiveTime = 1.0
-    follow: PositiveTime = 5.0
-    gate_sigma: PositiveNumber = 5.0
-    relearn: PositiveTime = 5.0
     gain_sigma: PositiveNumber = 0.01
     average: Duration = 0.1
 

@@ -1,12 +1,11 @@
-"""From what a channel should say to what it says: gain, zero, drift, noise, dead zone, range and converter.
+"""From what a channel should say to what it says: gain, zero, drift, noise, range and converter.
 
-    v = Δ rint(clip(v₀ + γ D(x − v₀) + z + w(t) + s(t) + n, low, high) / Δ)
+    v = Δ rint(clip(v₀ + γ (x − v₀) + z + w(t) + s(t) + n, low, high) / Δ)
 
-for a noiseless reading x: D leaves out what is smaller than the dead zone, v₀ is the reading that means
-nothing, z a constant zero, w and s zeros that wander fast and slowly, n white noise, Δ the step of the
-converter. Both wanders are stationary Ornstein-Uhlenbeck processes, w(t + δ) = e^(−δ/τ) w(t) + σ √(1 −
-e^(−2δ/τ)) ξ, exact for any δ (Gillespie, Phys. Rev. E 54, 2084, 1996): what runs for days stays in its
-bounds.
+for a noiseless reading x: v₀ is the reading that means nothing, z a constant zero, w and s zeros that wander
+fast and slowly, n white noise, Δ the step of the converter. Both wanders are stationary Ornstein-Uhlenbeck
+processes, w(t + δ) = e^(−δ/τ) w(t) + σ √(1 − e^(−2δ/τ)) ξ, exact for any δ (Gillespie, Phys. Rev. E 54, 2084,
+1996): what runs for days stays in its bounds.
 """
 
 from collections.abc import Sequence
@@ -24,7 +23,6 @@ class ChannelElectronics:
     """k channels, each value (k,) in the unit of its channel, times in s; gain γ has none."""
 
     nothing: Float[np.ndarray, " k"]
-    dead_zone: Float[np.ndarray, " k"]
     gain: Float[np.ndarray, " k"]
     zero: Float[np.ndarray, " k"]
     wander_sigma: Float[np.ndarray, " k"]
@@ -49,7 +47,6 @@ def equal_channels(
     low: float = -np.inf,
     high: float = np.inf,
     nothing: float | Float[np.ndarray, " k"] = 0.0,
-    dead_zone: float = 0.0,
     gain: float | Float[np.ndarray, " k"] = 1.0,
     zero: float | Float[np.ndarray, " k"] = 0.0,
     wander_sigma: float | Float[np.ndarray, " k"] = 0.0,
@@ -62,7 +59,7 @@ def equal_channels(
     step 0: what is read is not rounded.
     """
     zeros = (zero, wander_sigma, wander_time, slow_sigma, slow_time)
-    values = (nothing, dead_zone, gain, *zeros, noise, step, low, high)
+    values = (nothing, gain, *zeros, noise, step, low, high)
     return ChannelElectronics(*(np.broadcast_to(np.asarray(value, float), (count,)) for value in values))
 
 
@@ -96,10 +93,7 @@ class Converter:
         increase.
         """
         parts = self._parts
-        asked = ideal - parts.nothing
-        value = (
-            parts.nothing + parts.gain * np.where(np.abs(asked) < parts.dead_zone, 0.0, asked) + parts.zero
-        )
+        value = parts.nothing + parts.gain * (ideal - parts.nothing) + parts.zero
         # Drawn sample by sample, so that it does not matter how many are read at once.
         drawn = self._rng.standard_normal((len(value), 3, value.shape[1]))
         value += parts.noise * drawn[:, 0]

@@ -5,7 +5,7 @@ C = ε ∫ da/(d s) = C₀ (a/a₀)/s̄, area a and mean stretch s̄ across the 
 not depend on strain. What is read is C/C₀ − 1. Source: O'Brien et al., Proc. SPIE 6524 (2007) 652415.
 """
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -41,6 +41,8 @@ class SheetSettings(ScaledSettings):
     second, all relative to it.
     """
 
+    channels_for: ClassVar = (1, "one sheet")
+
     type: Literal["dielectric-sheet"] = "dielectric-sheet"
     centre: Vector
     edges: tuple[Vector, Vector]
@@ -49,10 +51,6 @@ class SheetSettings(ScaledSettings):
     noise: PositiveNumber = 5e-4
     offset_sigma: PositiveNumber = 0.05
     drift: PositiveNumber = 1e-5
-
-    def model_post_init(self, context, /) -> None:
-        """Raise the error of a validator unless there is one channel."""
-        self._count(1, "one sheet")
 
     def _scaled(self, parts):
         """`functional` tells whether the sheet is in the body."""

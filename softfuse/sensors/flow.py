@@ -312,14 +312,12 @@ class Flow(AbstractSensor):
 
 
 class FlowSettings(PartSettings):
-    """Flow sensors on vented chambers, one channel for each; keys left out are those of the `part`.
+    """Flow sensors on vented chambers.
 
-    output: what channels carry, "volts" or "counts"; zero, low, high, noise, bias_sigma, wander_sigma,
-    lost_sigma, full_scale in its unit, sensitivity per flow, bias_walk per √s, times in s: see `Flow`.
-    gain [-]: what is measured over what flows, one value or one for each chamber. bits, full_scale: of the
-    converter. noise, wander_sigma and wander_time are read off the structure function (half the mean square
-    difference over a lag) of a few minutes of readings at rest: its value at short lags, its rise and the lag
-    at which it has risen by 63 %.
+    zero, bias_sigma, wander_sigma, lost_sigma in the unit of the channels, sensitivity per flow, bias_walk
+    per √s, times in s: see `Flow`. noise, wander_sigma and wander_time are read off the structure function
+    (half the mean square difference over a lag) of a few minutes of readings at rest: its value at short
+    lags, its rise and the lag at which it has risen by 63 %.
     """
 
     known_parts: ClassVar = _PARTS

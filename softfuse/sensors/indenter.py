@@ -4,7 +4,7 @@ It is a sensor that sees a contact: the place is as sure as the stage, the touch
 height says.
 """
 
-from typing import Literal, Self
+from typing import ClassVar, Literal, Self
 
 import jax.numpy as jnp
 import numpy as np
@@ -68,6 +68,8 @@ class IndenterSettings(ContactSettings):
     on, off: forces at which a touch begins and ends; sigma in m: of a place; noise in N: of the force.
     """
 
+    channels_for: ClassVar = (3, "x, y and force")
+
     type: Literal["indenter"] = "indenter"
     unit: LengthUnit = 1e-3
     on: PositiveForce = 0.1
@@ -77,7 +79,6 @@ class IndenterSettings(ContactSettings):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        self._count(3, "x, y and force")
         if self.off > self.on:
             raise wrong_value(f"must not exceed on = {self.on:g} {FORCE.unit}", key="off")
         return self

@@ -6,12 +6,11 @@ what is read of it is log((M)ᵀ R M) (3,) [rad], without wrapping up to half a 
 accelerations are small against gravity.
 """
 
-from typing import Literal
+from typing import ClassVar, Literal
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from pydantic import model_validator
 
 from softfuse.functional.orientation import DirectionInPatch, PatchRotation
 from softfuse.functional.rotation import rotation_vector
@@ -67,16 +66,13 @@ class AccelerometerSettings(_OrientationSettings, ScaledSettings):
     noise, offset_sigma: of a reading and its bias, drift of the bias per second, in m/s².
     """
 
+    channels_for: ClassVar = (3, "three axes")
+
     type: Literal["accelerometer"] = "accelerometer"
     unit: PositiveAcceleration = 1.0
     noise: PositiveAcceleration = 0.03
     offset_sigma: PositiveAcceleration = 0.3
     drift: PositiveAcceleration = 1e-4
-
-    @model_validator(mode="after")
-    def _check(self):
-        self._count(3, "three axes")
-        return self
 
     def _scaled(self, parts):
         """Raises ConfigError for a point that there is not, or where nothing weighs."""
@@ -99,15 +95,12 @@ class AttitudeSettings(_OrientationSettings):
     noise, offset_sigma: of the attitude and its zero, drift of the zero per second, in rad.
     """
 
+    channels_for: ClassVar = (4, "the four numbers of a quaternion")
+
     type: Literal["attitude"] = "attitude"
     noise: PositiveAngle = 2e-3
     offset_sigma: PositiveAngle = 0.03
     drift: PositiveAngle = 1e-4
-
-    @model_validator(mode="after")
-    def _check(self):
-        self._count(4, "the four numbers of a quaternion")
-        return self
 
     def sensor(self, parts):
         """Raises ConfigError for a point that there is not."""

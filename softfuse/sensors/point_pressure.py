@@ -4,7 +4,7 @@ The chip and its cavity concentrate the stress around themselves: `gain` is what
 material alone would have, to be calibrated. The atmosphere and the stress of casting are in the zero.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from annotated_types import Ge
 from pydantic import BeforeValidator
@@ -31,6 +31,8 @@ class PointPressureSettings(ScaledSettings):
     noise, offset_sigma: of a reading and of its zero in Pa, drift of that per second in Pa/s.
     """
 
+    channels_for: ClassVar = (1, "one barometer")
+
     type: Literal["point-pressure"] = "point-pressure"
     point: str
     radius: PositiveLength = 2e-3
@@ -39,10 +41,6 @@ class PointPressureSettings(ScaledSettings):
     noise: PositivePressure = 5.0
     offset_sigma: PositivePressure = 2e3
     drift: Annotated[PressureRate, Ge(0)] = 2.0
-
-    def model_post_init(self, context, /) -> None:
-        """Raise the error of a validator unless there is one channel."""
-        self._count(1, "one barometer")
 
     def _scaled(self, parts):
         """Raises ConfigError for a point that there is not."""

@@ -19,22 +19,34 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from softfuse.io.quantity import PositiveNumber, PositiveTime
+from softfuse.io.settings import Settings
+
+
+class TareTimes(Settings):
+    """How zeros are taken at rest: within settle, and followed with the time constant follow, in s.
+
+    gate_sigma: what is further from the zero, in standard deviations, is none; after relearn, in s, of it at
+    rest the zero is learnt anew.
+    """
+
+    settle: PositiveTime = 1.0
+    follow: PositiveTime = 5.0
+    gate_sigma: PositiveNumber = 5.0
+    relearn: PositiveTime = 5.0
+
 
 class Tare(eqx.Module):
-    """How zeros are taken; all fields are leaves, one value for all channels."""
+    """How zeros are taken, see `TareTimes`: standard deviations of the zero before any reading [Pa], and of
+    the rate at which it drifts [Pa/s]. All fields are leaves, one value for all channels.
+    """
 
     offset_sigma_Pa: Float[Array, ""]
-    """Standard deviation of the zero before any reading [Pa]."""
     drift_Pa_s: Float[Array, ""]
-    """Standard deviation of the rate at which the zero drifts [Pa/s]."""
     settle_s: Float[Array, ""]
-    """Time at rest after which the zero counts as known [s]."""
     follow_s: Float[Array, ""]
-    """Time constant with which the zero is followed afterwards [s]."""
     gate_sigma: Float[Array, ""]
-    """Largest deviation from the zero that is taken for the zero [standard deviations]."""
     relearn_s: Float[Array, ""]
-    """Time at rest outside the gate after which the zero is learnt anew [s]."""
 
 
 class TareState(eqx.Module):

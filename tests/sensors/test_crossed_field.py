@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from softfuse.sensors.crossed.diamond_array import array_points, array_response, line_points
+from softfuse.sensors.crossed.diamond_array import array_points, array_response
 from softfuse.sensors.crossed.field import ArrayField, CrossedLines, FieldSettings, line_panels
 
 MM = 1e-3
@@ -35,7 +35,7 @@ def test_the_field_peaks_where_the_estimators_own_model_does() -> None:
     """Two independent models of one experiment: charges under a grounded cylinder."""
     field = ArrayField(LINES, FINE)
     own = np.array(PITCH)
-    points = array_points(line_points(own, own, 0.0005), line_points(own, own, 0.0), 8e-3)
+    points = array_points(own, own, 0.0005, 0.0)
     depth = np.repeat([1.5e-3, 1.0e-3], 8)
     for at in ((13.4e-3, -5.1e-3), (0.0, 0.0), (24e-3, 24e-3)):
         signal = field.lines(at, 0.0) - field.alone

@@ -1,4 +1,4 @@
-"""What parts add to a channel: noise, zeros that wander, dead zone, range and steps."""
+"""What parts add to a channel: noise, zeros that wander, range and steps."""
 
 import numpy as np
 import pytest
@@ -50,11 +50,6 @@ def test_range_steps_gain_and_zero() -> None:
     np.testing.assert_allclose(values, [step * np.rint(0.73 / step), 0.0, 4095 * step], rtol=1e-12)
     codes = said(equal_channels(1, noise=2e-3, step=step, low=0.0, high=3.3), 0.5) / step
     np.testing.assert_allclose(codes, np.rint(codes), atol=1e-9)
-
-
-def test_what_is_in_the_dead_zone_is_not_seen() -> None:
-    parts = equal_channels(4, noise=0.0, step=1e-9, low=0.0, high=3.0, nothing=0.5, dead_zone=0.02)
-    np.testing.assert_allclose(said(parts, 0.5, 0.519, 0.481, 0.53)[0], [0.5, 0.5, 0.5, 0.53], atol=1e-8)
 
 
 def test_the_same_seed_says_the_same_however_it_is_read() -> None:

@@ -23,14 +23,13 @@ from softfuse.io.quantity import (
     PressureRate,
     wrong_value,
 )
-from softfuse.io.settings import Settings
 from softfuse.mechanics.reading import AnswerReading, DriveReading, JointReading
 from softfuse.sensors.parameters import parameters
 from softfuse.sensors.parts import ChamberPart
 from softfuse.sensors.pressure.data_sheets import PRESSURE_PARTS
 from softfuse.sensors.pressure.leak import LeakSettings
 from softfuse.sensors.pressure.sensor import GaugePressure
-from softfuse.sensors.tare import Tare
+from softfuse.sensors.tare import Tare, TareTimes
 from softfuse.sensors.transfer import PartSettings, PositiveRaw, Raw
 
 _SLOPE = Dimension("an output per pressure", "Pa^-1", "0.009 kPa^-1")
@@ -40,19 +39,13 @@ _SLOPE = Dimension("an output per pressure", "Pa^-1", "0.009 kPa^-1")
 _ZERO_BOUND, _GAIN_SIGMA, _DRIFT, _DRIFT_TIME_S = 1.0, 0.5, 0.1, 600.0
 
 
-class TareSettings(Settings):
-    """How zeros are taken: standard deviations in Pa and Pa/s, times in s, a limit in standard deviations.
-
-    offset_sigma: of the zero beforehand, None: the part's error. 2 Pa/s of drift is sealed gas that warms up
-    by 0.35 K a minute.
+class TareSettings(TareTimes):
+    """How zeros are taken. offset_sigma: standard deviation of the zero beforehand in Pa, None: the part's
+    error; drift in Pa/s: 2 Pa/s is sealed gas that warms up by 0.35 K a minute.
     """
 
     offset_sigma: PositivePressure | None = None
     drift: Annotated[PressureRate, Ge(0)] = 2.0
-    settle: PositiveTime = 1.0
-    follow: PositiveTime = 5.0
-    gate_sigma: PositiveNumber = 5.0
-    relearn: PositiveTime = 5.0
 
     def tare(self, error_Pa: float) -> Tare:
         """How zeros of parts with that error [Pa] are taken."""
@@ -67,17 +60,14 @@ def _ascending(values: tuple[float, float]) -> tuple[float, float]:
 
 
 class PressureSettings(PartSettings):
-    """Pressure sensors on sealed or pressurised chambers, one channel for each; keys left out are the
-    `part`'s.
+    """Pressure sensors on sealed or pressurised chambers.
 
-    output: what channels carry, "volts" or "counts" (or Pa of a digital part); output = reference · (slope P
-    + offset), or from `share` of the reference at the low end of the `range` in Pa to that at its high end.
-    reference: the nominal supply of a `ratiometric` part, with reference_channel if it is measured, and
-    reference_range in which the part works; 1 V of another, or the number of codes. absolute: against vacuum.
-    low, high: readings at or beyond are clipped; noise of a reading; error of the zero in parts of the range;
-    bits, full_scale of the converter. gain [-]: what is measured over what the model says, one value or one
-    for each chamber; gain_sigma: relative error of each part; model_error: part of the largest change of a
-    pressure by which every modelled one may be wrong. average: time constant in s; hold_off in s.
+    Channels carry (counts may be Pa) reference · (slope P + offset), or from `share` of the reference at the
+    low end of the `range` in Pa to that at its high end. reference: the nominal supply of a `ratiometric`
+    part, with reference_channel if it is measured, and reference_range in which the part works; 1 V of
+    another, or the number of codes. absolute: against vacuum. error: of the zero in parts of the range;
+    gain_sigma: relative error of each part; model_error: part of the largest change of a pressure by which
+    every modelled one may be wrong. average: time constant in s; hold_off in s.
     """
 
     known_parts: ClassVar = PRESSURE_PARTS
