@@ -26,7 +26,7 @@ from scipy.optimize import minimize
 
 from softfuse.computing.prepare import prepare_jax
 from softfuse.design.limits import room, room_slopes
-from softfuse.design.of_robot import build_limits, build_problem, finer_config
+from softfuse.design.of_robot import build_limits, build_problem
 from softfuse.design.plan import load_design
 from softfuse.design.problem import Geometry, MeshedProblem, Problem
 from softfuse.robot.file import load
@@ -164,7 +164,7 @@ def main() -> None:
     given = parser.parse_args()
     prepare_jax()
     plan = load_design(given.plan)
-    config = finer_config(load(plan.device), 1.0 / given.coarser)
+    config = load(plan.device).finer(1.0 / given.coarser)
     problem = build_problem(plan, config)
     own = build_mesh(config)
     answers = problem.answered(build_robot(config, own).model, own.cavities, problem.layout.start)

@@ -22,10 +22,10 @@ from softfuse.design.of_robot import build_places
 from softfuse.design.plan import DesignPlan, load_design
 from softfuse.estimation.rest_response import rest_response
 from softfuse.functional.cavity import Cavity
+from softfuse.mesh.file_source import SurfaceSource
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.subdivision import refined
 from softfuse.mesh.surface import cavities, centroid
-from softfuse.robot.body import SurfaceSource
 from softfuse.robot.file import load
 from softfuse.robot.mesh import RobotMesh, build_mesh, robot_mesh
 from softfuse.robot.robot import build_robot

@@ -26,7 +26,7 @@ from softfuse.experiment.episodes import Episode, Touch, place_of
 from softfuse.experiment.performance import performance
 from softfuse.experiment.virtual_robot import MakingErrors, virtual_robot
 from softfuse.functional.chart import facing
-from softfuse.robot.body import PadSource
+from softfuse.mesh.pad import PadSource
 from softfuse.robot.file import load
 from softfuse.robot.robot import Robot, build_robot
 from softfuse.robot.settings import RobotSettings

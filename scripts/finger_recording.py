@@ -15,7 +15,7 @@ from softfuse.experiment.paper.bed import finger_bed
 from softfuse.experiment.paper.pushes import CABLE_ALONE, TABLE_III, TWO_CONTACTS
 from softfuse.experiment.performance import in_turn
 from softfuse.experiment.recording_file import write_recording
-from softfuse.robot.body import FingerSource
+from softfuse.mesh.finger import FingerSource
 from softfuse.robot.file import load
 
 CONFIG = Path(__file__).parents[1] / "configs" / "finger.toml"

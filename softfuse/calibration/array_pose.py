@@ -21,7 +21,7 @@ from softfuse.errors import SoftfuseError
 from softfuse.estimation.model_error import whitening
 
 _ALIKE = 0.8
-"""Correlation of the locations of one press: the one that makes the nominal recording of the reference pad
+"""Correlation of the locations of one press: the one that makes the nominal recording of the reference block
 likeliest.
 """
 

@@ -43,7 +43,7 @@ from softfuse.sensors.crossed.peak_model import PeakModel, PeakShape, peak_layer
 from softfuse.sensors.crossed.sensor import ArrayPose
 
 _ALIKE = 0.98
-"""Correlation of the signals' misfits in one press, noise apart: that of the reference pad's recordings."""
+"""Correlation of the signals' misfits in one press, noise apart: that of the reference block's recordings."""
 
 _PARTS = np.append(0.5 ** np.arange(6), 1e-3)
 """Of the tolerance: how far the lines of an array may differ; the last: they are alike."""

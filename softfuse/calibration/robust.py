@@ -27,7 +27,7 @@ from softfuse.estimation.model_error import missed, whitening
 
 FREEDOM = 15.0
 """ν: three readings of a press that miss by ten standard deviations in all count a seventh. Fewer degrees of
-freedom make the recordings of the reference pad less likely, as they give up presses that tell most.
+freedom make the recordings of the reference block less likely, as they give up presses that tell most.
 """
 
 

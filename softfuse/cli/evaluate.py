@@ -18,10 +18,10 @@ from softfuse.robot.robot import build_robot
 
 
 def evaluate(
-    config: Annotated[Path, typer.Argument(help="Configuration of a pad or a finger (TOML).")],
+    config: Annotated[Path, typer.Argument(help="Configuration of a robot of the paper's kind (TOML).")],
     out: Annotated[Path, out_folder("Folder for the results; an evaluation in it is continued.")],
     grid: Annotated[
-        int, typer.Option(help="A pad is pressed at so many times so many places.", min=2, max=30)
+        int, typer.Option(help="A block is pressed at so many times so many places.", min=2, max=30)
     ] = 10,
     seed: Annotated[int, typer.Option(help="Another body with other sensors.", min=0)] = 1,
     quiet: Quiet = False,

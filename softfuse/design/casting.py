@@ -24,9 +24,9 @@ from jaxtyping import Array, Float
 from softfuse.design.facets import facets
 from softfuse.design.port import Port, Rod, box_solid, check_rods, placed
 from softfuse.errors import MeshError, SoftfuseError
+from softfuse.mesh.block import Block
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout import AbstractLayout
-from softfuse.robot.layout.outline import Outline
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -44,7 +44,7 @@ class Casting:
     each cavity, called `names`; besides, its outline and the rods, within `chord` m.
     """
 
-    outline: Outline
+    outline: Block
     body: "Manifold"
     body_with_ports: "Manifold"
     cores: tuple["Manifold", ...]
@@ -99,7 +99,7 @@ def casting(
     )
 
 
-def outline_solid(outline: Outline) -> "Manifold":
+def outline_solid(outline: Block) -> "Manifold":
     """The block less its notches [m]: the body without cavities.
 
     Raises MeshError where the block or a notch has no volume, or what is left is not in one piece.
@@ -120,7 +120,7 @@ def outline_solid(outline: Outline) -> "Manifold":
     return solid
 
 
-def notch_solid(outline: Outline, notch: int) -> "Manifold":
+def notch_solid(outline: Block, notch: int) -> "Manifold":
     """What a notch, numbered from 0, cuts from the block [m]; where it ends at the surface it goes on."""
     low, high = outline.notches[notch]
     size = outline.high - outline.low
@@ -158,7 +158,7 @@ def cavity_solids(
     return solids
 
 
-def body_solid(outline: Outline, cavities: Sequence["Manifold"]) -> "Manifold":
+def body_solid(outline: Block, cavities: Sequence["Manifold"]) -> "Manifold":
     """The material of a body [m] with these solids cut out, such as `cavity_solids` returns."""
     from manifold3d import Manifold, OpType
 

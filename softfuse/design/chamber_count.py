@@ -1,16 +1,16 @@
 """The chambers of a robot that gets those of a plan, perhaps others in number, and its sensors on them."""
 
-from collections.abc import Sequence
-
 from softfuse.design.plan import DesignPlan
 from softfuse.errors import ConfigError
 from softfuse.robot.file import Edits, Key
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.flow import FlowSettings
-from softfuse.sensors.pressure.settings import PressureSettings
+from softfuse.sensors.transfer import PartSettings
 
 OWN = ("name", "centre", "shift", "growth")
 """What a plan's chamber has of its own: how one was made differs from its drawing."""
+
+_CHANNELS = {"volume": "V", "pressure": "pressure V"}
+"""How the name of a channel ends that tells such a quantity of a chamber."""
 
 
 def with_chambers(plan: DesignPlan, config: RobotSettings) -> RobotSettings:
@@ -61,9 +61,8 @@ def channel_edits(plan: DesignPlan, config: RobotSettings) -> Edits:
     """
     names, before = ([each.name for each in chambers] for chambers in (plan.cavities, config.chambers))
     edits: dict[Key, list[str]] = {}
-    for k, sensor in enumerate(config.sensors):
-        if not isinstance(sensor, FlowSettings | PressureSettings):
-            continue
+    for sensor in config.sensors_of(PartSettings):
+        k = config.sensors.index(sensor)
         if len(names) == len(before):
             edits["sensor", k, "chambers"] = [names[before.index(name)] for name in sensor.chambers]
             continue
@@ -73,12 +72,7 @@ def channel_edits(plan: DesignPlan, config: RobotSettings) -> Edits:
                 f"{plan.path}: cavity: {len(names)} of them, but sensor[{k}] of {config.path} has {what}: "
                 "give it one for all, or draw as many cavities"
             )
-        unit = "V" if isinstance(sensor, FlowSettings) else "pressure V"
+        end, own = _CHANNELS[sensor.quantity], list(sensor.channels[: len(names)])
         edits["sensor", k, "chambers"] = names
-        edits["sensor", k, "channels"] = _channels(sensor.channels, names, unit)
+        edits["sensor", k, "channels"] = own + [f"{name} {end}" for name in names[len(own) :]]
     return edits
-
-
-def _channels(channels: Sequence[str], names: Sequence[str], unit: str) -> list[str]:
-    own = list(channels[: len(names)])
-    return own + [f"{name} {unit}" for name in names[len(own) :]]

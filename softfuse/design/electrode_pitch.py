@@ -9,12 +9,11 @@ from jaxtyping import Array, Float
 
 from softfuse.design.plan import DesignPlan
 from softfuse.errors import ConfigError
-from softfuse.robot.body import BlockSource
+from softfuse.functional.chart import FlatChart
+from softfuse.io.quantity import millimetres
 from softfuse.robot.file import Edits
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.crossed.settings import CrossedSettings
-from softfuse.sensors.mutual.settings import MutualSettings
-from softfuse.sensors.place_information import charge_of, place_told_by_grid, place_told_by_lines
+from softfuse.sensors.capacitive import ElectrodeLinesSettings
 
 _KINDS = ("columns", "rows")
 """In the order of the coordinates that they are at."""
@@ -48,7 +47,7 @@ class ElectrodePitch(eqx.Module):
         if lines is None:
             return cls((np.zeros(0), np.zeros(0)), ties)
         pitch = cls((np.array(lines.column_x), np.array(lines.row_y)), ties)
-        pitch._check(plan, config)
+        pitch._check(plan, config, lines)
         return pitch
 
     def lines(self, theta: Float[Array, " p"]) -> tuple[Float[Array, " c"], Float[Array, " r"]]:
@@ -69,12 +68,12 @@ class ElectrodePitch(eqx.Module):
         key = config.sensors.index(lines)
         columns, rows = (np.asarray(each).tolist() for each in self.lines(jnp.asarray(theta)))
         edits: dict[tuple[str | int, ...], list[str]] = {
-            ("sensor", key, "column_x"): [f"{1e3 * x:.12g} mm" for x in columns],
-            ("sensor", key, "row_y"): [f"{1e3 * y:.12g} mm" for y in rows],
+            ("sensor", key, "column_x"): [millimetres(x) for x in columns],
+            ("sensor", key, "row_y"): [millimetres(y) for y in rows],
         }
         return edits
 
-    def _check(self, plan: DesignPlan, config: RobotSettings) -> None:
+    def _check(self, plan: DesignPlan, config: RobotSettings, lines: ElectrodeLinesSettings) -> None:
         bounds = np.array([parameter.bounds for parameter in plan.parameters])
         for axis, (kind, drawn) in enumerate(zip(_KINDS, self.drawn, strict=True)):
             ties = self.ties[axis]
@@ -86,12 +85,13 @@ class ElectrodePitch(eqx.Module):
                     f"{plan.path}: parameter: {kind} of electrodes could cross: raise a lower bound of their "
                     "pitch"
                 )
-            source = config.body.source
-            reach = 0.5 * (np.ptp(drawn) + (len(drawn) - 1) * most)
-            if (
-                isinstance(source, BlockSource)
-                and reach + abs(np.mean(drawn[[0, -1]])) > 0.5 * source.size[axis]
-            ):
+            into = config.contact(lines.contact).direction
+            if into is None:
+                continue  # on no flat face, which is told when the sensor is made
+            block = config.body.source.outside()
+            ends = np.stack([block.low, block.high]) * np.asarray(FlatChart.along(into).axes)[axis]
+            middle, reach = np.mean(drawn[[0, -1]]), 0.5 * (np.ptp(drawn) + (len(drawn) - 1) * most)
+            if middle - reach < ends.min(axis=0).sum() or middle + reach > ends.max(axis=0).sum():
                 raise ConfigError(
                     f"{plan.path}: parameter: {kind} of electrodes could leave the body: reduce an upper "
                     "bound of their pitch"
@@ -103,39 +103,18 @@ def touched(
 ) -> Callable[[Array], Float[Array, "s 2 2"]]:
     """Information (s, 2, 2) 1/m² of the electrodes with parameters (p,) on places (s, 3, 3) of contacts.
 
-    Crossed lines see contacts as strong as make them tell contact (contact_on_counts); a grid sees firm ones
-    (firm_on). Raises ConfigError when the device has no rows and columns of electrodes.
+    Raises ConfigError when the device has no rows and columns of electrodes.
     """
-    match lines := _lines(config):
-        case CrossedSettings():
-            peak = lines.peak_model(config.contact(lines.contact).radius)
-            charge = charge_of(peak, lines.touch.contact_on_counts)
-
-            def by_lines(theta: Array) -> Float[Array, "s 2 2"]:
-                columns, rows = pitch.lines(theta)
-                moved = eqx.tree_at(lambda m: (m.column_x_m, m.row_y_m), peak, (columns, rows))
-                return place_told_by_lines(moved, charge, places[:, 0, :2])
-
-            return by_lines
-        case MutualSettings():
-            grid = lines.model()
-
-            def by_grid(theta: Array) -> Float[Array, "s 2 2"]:
-                columns, rows = pitch.lines(theta)
-                moved = eqx.tree_at(lambda m: (m.column_x_m, m.row_y_m), grid, (columns, rows))
-                # Lines as wide as their pitch stay so.
-                width = moved.half_width_m if lines.shape.electrode_width else 0.5 * moved.pitch_m
-                moved = eqx.tree_at(lambda m: m.half_width_m, moved, width)
-                return place_told_by_grid(moved, lines.touch.firm_on, places[:, 0, :2])
-
-            return by_grid
-    raise ConfigError(
-        f"{plan.path}: {config.path} has no rows and columns of electrodes that tell places: give "
-        "place_sigma as a length"
-    )
+    lines = _lines(config)
+    if lines is None:
+        raise ConfigError(
+            f"{plan.path}: {config.path} has no rows and columns of electrodes that tell places: give "
+            "place_sigma as a length"
+        )
+    told = lines.place_information(config.contact(lines.contact).radius)
+    return lambda theta: told(*pitch.lines(theta), places[:, 0, :2])
 
 
-def _lines(config: RobotSettings) -> CrossedSettings | MutualSettings | None:
+def _lines(config: RobotSettings) -> ElectrodeLinesSettings | None:
     """The first sensor with rows and columns of electrodes."""
-    found = config.sensors_of(CrossedSettings) + config.sensors_of(MutualSettings)
-    return found[0] if found else None
+    return next(iter(config.sensors_of(ElectrodeLinesSettings)), None)

@@ -24,7 +24,7 @@ from jaxtyping import Float
 from softfuse.design.casting import Casting, notch_solid, outline_solid
 from softfuse.design.port import Rod, box_solid, prism
 from softfuse.errors import MeshError, SoftfuseError
-from softfuse.robot.layout.outline import Outline
+from softfuse.mesh.block import Block
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -103,7 +103,7 @@ def mould(casting: Casting, shape: MouldShape, *, parting: float | None = None) 
     return Mould(lower, upper, at, through.count(-1.0), len(openings) + through.count(1.0))
 
 
-def _pierces(rod: Rod, outline: Outline, shape: MouldShape) -> bool:
+def _pierces(rod: Rod, outline: Block, shape: MouldShape) -> bool:
     """Whether the channel of a rod leads through the shell."""
     axis = int(np.argmax(np.abs(rod.direction)))
     face = (outline.high if rod.direction[axis] > 0.0 else outline.low)[axis]
@@ -111,13 +111,13 @@ def _pierces(rod: Rod, outline: Outline, shape: MouldShape) -> bool:
     return bool(rod.inside + rod.beyond + shape.rod_room > outside - _SAME)
 
 
-def _channel(rod: Rod, outline: Outline, shape: MouldShape, chord: float) -> "Manifold":
+def _channel(rod: Rod, outline: Block, shape: MouldShape, chord: float) -> "Manifold":
     # No skin is left where rod and shell end in one plane.
     further = shape.thickness if _pierces(rod, outline, shape) else 0.0
     return rod.solid(chord, room=shape.rod_room, further=further)
 
 
-def _parting(outline: Outline, rods: Sequence[Rod], parting: float | None) -> float:
+def _parting(outline: Block, rods: Sequence[Rod], parting: float | None) -> float:
     flat = [rod for rod in rods if rod.direction[2] == 0.0]
     if parting is None and not flat:
         raise SoftfuseError("no rod lies in a plane z: say at which height `parting` the mould is parted")
@@ -160,7 +160,7 @@ def _check_shape(shape: MouldShape, upper: float) -> None:
         )
 
 
-def _check_undercuts(outline: Outline, body: "Manifold", at: float) -> None:
+def _check_undercuts(outline: Block, body: "Manifold", at: float) -> None:
     from manifold3d import Manifold
 
     tall = 2.0 * (outline.high[2] - outline.low[2])
@@ -181,7 +181,7 @@ def _check_undercuts(outline: Outline, body: "Manifold", at: float) -> None:
                 )
 
 
-def _feet(outline: Outline, shape: MouldShape, at: float) -> Float[np.ndarray, "3 3"]:
+def _feet(outline: Block, shape: MouldShape, at: float) -> Float[np.ndarray, "3 3"]:
     """Places (3, 3) m in the parting plane, in corners of the shell, of the pins' axes."""
     (x, y), (a, b) = outline.low[:2] - 0.5 * shape.thickness, outline.high[:2] + 0.5 * shape.thickness
     return np.array([[x, y, at], [a, y, at], [x, b, at]])

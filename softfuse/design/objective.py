@@ -18,16 +18,25 @@ Whoever needs another one writes a class with a name, a unit and a `__call__` th
 
         def __call__(self, answers):
             return -jnp.min(answers.sensitivity)
+
+and settings for it, if a plan is to name it.
 """
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from annotated_types import Gt
 from jaxtyping import Array, Float, Int
+from pydantic import BeforeValidator, Field
+
+from softfuse.errors import ConfigError
+from softfuse.io.quantity import LENGTH, PositiveForce
+from softfuse.io.settings import NotEmpty, Settings
 
 _WORST = 12
 """Exponent of the norm that stands for a maximum, so that it has derivatives where two places are worst."""
@@ -219,7 +228,7 @@ class ElectrodeError(AbstractMeasure):
 
 class PairError(AbstractMeasure):
     """How badly the two forces of presses that act at once are told apart: pairs (n, 2) of presses by number,
-    such as one that bends a finger sideways and one that bends it to the front.
+    such as one that bends the body sideways and one that bends it to the front.
     """
 
     name: ClassVar[str] = "error of pairs"
@@ -248,3 +257,132 @@ class ShapeError(AbstractMeasure):
         variance = answers.covariance(self.force_N, self.place_sigma_m)[:, 0, 0]
         moved = jnp.mean(jnp.sum(answers.motion**2, axis=2), axis=1)
         return jnp.sqrt(jnp.mean(variance * moved))
+
+
+KnownPlace = Annotated[
+    Annotated[float, Gt(0)] | None,
+    BeforeValidator(lambda value: None if value == "electrodes" else LENGTH.parse(value)),
+]
+"""How well a place is known otherwise: a length, or "electrodes"."""
+
+_PLAIN = {
+    "unevenness": Unevenness,
+    "sensitivity": Sensitivity,
+    "softness": Softness,
+    "electrode-error": ElectrodeError,
+}
+_PRESS = {
+    "force-error": ForceError,
+    "worst-force-error": WorstForceError,
+    "ignorance": Ignorance,
+    "shape-error": ShapeError,
+}
+_SUFFERED = {"closing": Closing, "strain": Strain}
+
+
+class MeasureSettings(Settings):
+    """What a plan says of a measure."""
+
+    by_place: ClassVar[bool] = False
+    """Whether it counts how readings change with the place."""
+
+    @property
+    def by_electrodes(self) -> bool:
+        """Whether it asks what electrodes tell of places."""
+        return False
+
+    @abstractmethod
+    def build(self, path: Path, names: Sequence[str]) -> AbstractMeasure:
+        """The measure of a plan's file, of presses on electrodes of such names, or at places of a surface.
+
+        Raises ConfigError when it needs what these presses do not have.
+        """
+
+
+class PlainMeasureSettings(MeasureSettings):
+    """A measure without settings."""
+
+    measure: Literal["unevenness", "sensitivity", "softness", "electrode-error"]
+
+    @property
+    def by_electrodes(self):
+        """One asks for nothing else."""
+        return self.measure == "electrode-error"
+
+    def build(self, path, names):
+        """Of any presses."""
+        return _PLAIN[self.measure]()
+
+
+class PressMeasureSettings(MeasureSettings):
+    """A measure of presses with a force [N], whose places are known otherwise to place_sigma m; None, in the
+    file "electrodes": as well as the device's electrodes tell them.
+    """
+
+    by_place: ClassVar[bool] = True
+
+    measure: Literal["force-error", "worst-force-error", "ignorance", "shape-error"]
+    force: PositiveForce
+    place_sigma: KnownPlace
+
+    @property
+    def by_electrodes(self):
+        """If it says so."""
+        return self.place_sigma is None
+
+    def build(self, path, names):
+        """Of any presses."""
+        return _PRESS[self.measure](self.force, self.place_sigma)
+
+
+class SufferedSettings(MeasureSettings):
+    """What cavities and material suffer from presses with a force [N]."""
+
+    measure: Literal["closing", "strain"]
+    force: PositiveForce
+
+    def build(self, path, names):
+        """Of any presses."""
+        return _SUFFERED[self.measure](self.force)
+
+
+class PlaceErrorSettings(MeasureSettings):
+    """How well readings alone tell the place of a force [N]."""
+
+    by_place: ClassVar[bool] = True
+
+    measure: Literal["place-error"]
+    force: PositiveForce
+
+    def build(self, path, names):
+        """Raises ConfigError for presses on electrodes."""
+        if names:
+            raise ConfigError(
+                f"{path}: {self.measure}: electrodes are pressed as a whole, so that readings do not "
+                'change with the place: take "force-error" or "pair-error"'
+            )
+        return PlaceError(self.force)
+
+
+class PairErrorSettings(MeasureSettings):
+    """How well the forces on two electrodes that are pressed at once are told apart, for pairs of names."""
+
+    measure: Literal["pair-error"]
+    pairs: Annotated[tuple[tuple[str, str], ...], NotEmpty]
+
+    def build(self, path, names):
+        """Raises ConfigError when an electrode is not pressed."""
+        for pair in self.pairs:
+            for name in pair:
+                if name not in names:
+                    raise ConfigError(
+                        f'{path}: pairs: no press on an electrode "{name}": there are '
+                        f"{', '.join(names) or 'none'}"
+                    )
+        return PairError(jnp.array([[names.index(name) for name in pair] for pair in self.pairs]))
+
+
+AnyMeasure = Annotated[
+    PlainMeasureSettings | PressMeasureSettings | SufferedSettings | PlaceErrorSettings | PairErrorSettings,
+    Field(discriminator="measure"),
+]

@@ -14,75 +14,28 @@ from softfuse.design.cable_route import CableRoute
 from softfuse.design.chamber_count import OWN, channel_edits, kept_chambers, with_chambers
 from softfuse.design.electrode_pitch import ElectrodePitch, touched
 from softfuse.design.limits import Limit
-from softfuse.design.objective import (
-    AbstractMeasure,
-    Answers,
-    Closing,
-    ElectrodeError,
-    ForceError,
-    Ignorance,
-    PairError,
-    PlaceError,
-    Sensitivity,
-    ShapeError,
-    Softness,
-    Strain,
-    Unevenness,
-    WorstForceError,
-)
-from softfuse.design.plan import (
-    AnyMeasure,
-    DesignPlan,
-    LimitSettings,
-    PairErrorSettings,
-    ParameterSettings,
-    PlaceErrorSettings,
-    PlainMeasureSettings,
-    PressMeasureSettings,
-    SufferedSettings,
-)
+from softfuse.design.objective import AbstractMeasure, Answers
+from softfuse.design.plan import DesignPlan, LimitSettings, ParameterSettings
 from softfuse.design.problem import Problem, Walls, untouched
 from softfuse.design.search import SearchSettings
-from softfuse.errors import ConfigError
+from softfuse.errors import ConfigError, MeshError
 from softfuse.functional.material_points import MaterialPoints
+from softfuse.io.quantity import millimetres
 from softfuse.mechanics.model import Model
-from softfuse.mesh.block import edge_distance
+from softfuse.mesh.block import Block, Fineness
 from softfuse.mesh.files import write_mesh
-from softfuse.mesh.pad import finer_to_the_top
-from softfuse.robot.body import BlockSource, FingerSource
 from softfuse.robot.chamber_shapes import written_centre, written_shape
 from softfuse.robot.file import edit, moved, saved
 from softfuse.robot.layout.layout import Parameter, TiedLayout
-from softfuse.robot.layout.layout_mesh import Fineness, LayoutMesh
-from softfuse.robot.layout.outline import Outline
+from softfuse.robot.layout.layout_mesh import LayoutMesh
 from softfuse.robot.mesh import robot_mesh
 from softfuse.robot.press_plan import SweepPlan
 from softfuse.robot.press_series import build_series, places_of
 from softfuse.robot.robot import build_robot
 from softfuse.robot.settings import RobotSettings
-from softfuse.sensors.cable_length import CableLengthSettings
-from softfuse.sensors.crossed.settings import CrossedSettings
-from softfuse.sensors.electrodes import ElectrodeSettings
-from softfuse.sensors.flow import FlowSettings
-from softfuse.sensors.mutual.settings import MutualSettings
-from softfuse.sensors.pressure.settings import PressureSettings
 
 ShownUnits = Mapping[str, tuple[str, float]]
 """By SI unit, the unit that people read and how many of it are one; others are read as they are."""
-
-_PLAIN = {
-    "unevenness": Unevenness,
-    "sensitivity": Sensitivity,
-    "softness": Softness,
-    "electrode-error": ElectrodeError,
-}
-_PRESS = {
-    "force-error": ForceError,
-    "worst-force-error": WorstForceError,
-    "ignorance": Ignorance,
-    "shape-error": ShapeError,
-}
-_SUFFERED = {"closing": Closing, "strain": Strain}
 
 
 def build_layout(plan: DesignPlan, config: RobotSettings) -> TiedLayout:
@@ -119,6 +72,7 @@ def build_problem(plan: DesignPlan, config: RobotSettings) -> Problem:
     places, names = build_places(plan, config)
     fronts = () if plan.front is None else (plan.front.of,)
     wanted = (plan.objective, *(limit.of for limit in plan.limits), *fronts)
+    electrodes = any(each.by_electrodes for each in wanted)
 
     route, pitch = CableRoute.of(plan, config), ElectrodePitch.of(plan, config)
 
@@ -132,15 +86,14 @@ def build_problem(plan: DesignPlan, config: RobotSettings) -> Problem:
         build=build,
         places=places,
         noise=_noise(config, plan),
-        objective=build_measure(plan, plan.objective, names),
+        objective=plan.objective.build(plan.path, names),
         walls=Walls(plan.walls.thickness, special),
         # What presses on an electrode is felt in the same way all over it.
-        by_place=not names
-        and any(isinstance(each, PressMeasureSettings | PlaceErrorSettings) for each in wanted),
+        by_place=not names and any(each.by_place for each in wanted),
         watch=lambda device: _watched(config, device),
         follow=route.on_device,
         guides=lambda theta: jnp.concatenate([jnp.zeros((0, 3)), *route.guides(theta)]),
-        touched=touched(plan, config, pitch, places) if any(map(_by_electrodes, wanted)) else untouched,
+        touched=touched(plan, config, pitch, places) if electrodes else untouched,
     )
 
 
@@ -168,12 +121,13 @@ def limit_measures(
 ) -> tuple[AbstractMeasure, ...]:
     """What limits are of."""
     _, names = build_places(plan, config)
-    return tuple(build_measure(plan, each.of, names) for each in settings)
+    return tuple(each.of.build(plan.path, names) for each in settings)
 
 
 def shown_units(config: RobotSettings) -> ShownUnits:
     """In which units people read the measures of a device."""
-    reading = ("Pa/N", 1.0) if config.sensors_of(PressureSettings) else ("mm³/N", 1e9)
+    pressures = any("pressure" in (each.quantities or ()) for each in config.sensors)
+    reading = ("Pa/N", 1.0) if pressures else ("mm³/N", 1e9)
     return {"m": ("mm", 1e3), "m/N": ("mm/N", 1e3), "reading/N": reading}
 
 
@@ -192,14 +146,7 @@ def searched_config(plan: DesignPlan, config: RobotSettings) -> RobotSettings:
                 f"{plan.path}: search.edges: the mesh of {config.path} has no {name}: it has "
                 f"{', '.join(source.edges) or 'none that can be chosen'}"
             )
-    body = config.body.model_copy(update={"source": source.model_copy(update=plan.search.edges)})
-    return config.model_copy(update={"body": body})
-
-
-def finer_config(config: RobotSettings, times: float) -> RobotSettings:
-    """The config whose mesh has so many times shorter edges, as far as these are configured."""
-    body = config.body.model_copy(update={"source": config.body.source.finer(times)})
-    return config.model_copy(update={"body": body})
+    return config.meshed(plan.search.edges)
 
 
 def build_places(plan: DesignPlan, config: RobotSettings) -> tuple[Array, tuple[str, ...]]:
@@ -217,49 +164,13 @@ def build_places(plan: DesignPlan, config: RobotSettings) -> tuple[Array, tuple[
     return places, names
 
 
-def build_measure(plan: DesignPlan, settings: AnyMeasure, names: Sequence[str]) -> AbstractMeasure:
-    """A measure of presses on electrodes of such names, or at places of a surface.
-
-    Raises ConfigError when it needs what these presses do not have.
-    """
-    if names and isinstance(settings, PlaceErrorSettings):
-        raise ConfigError(
-            f"{plan.path}: {settings.measure}: electrodes are pressed as a whole, so that readings do not "
-            'change with the place: take "force-error" or "pair-error"'
-        )
-    match settings:
-        case PlainMeasureSettings():
-            return _PLAIN[settings.measure]()
-        case PressMeasureSettings():
-            return _PRESS[settings.measure](settings.force, settings.place_sigma)
-        case SufferedSettings():
-            return _SUFFERED[settings.measure](settings.force)
-        case PlaceErrorSettings():
-            return PlaceError(settings.force)
-        case PairErrorSettings():
-            for pair in settings.pairs:
-                for name in pair:
-                    if name not in names:
-                        raise ConfigError(
-                            f'{plan.path}: pairs: no press on an electrode "{name}": there are '
-                            f"{', '.join(names) or 'none'}"
-                        )
-            return PairError(jnp.array([[names.index(name) for name in pair] for pair in settings.pairs]))
-
-
 def _noise(config: RobotSettings, plan: DesignPlan) -> Float[np.ndarray, " k"]:
-    each = [np.zeros(0)]
+    each: list[float] = []
     for sensor in config.sensors:
-        match sensor:
-            case FlowSettings():
-                each.append(np.full(len(sensor.chambers), plan.noise.volume))
-            case PressureSettings():
-                each.append(np.full(len(sensor.chambers), plan.noise.pressure))
-            case CableLengthSettings():
-                each.append(np.full(len(sensor.cables), plan.noise.shortening))
-            case _ if not isinstance(sensor, CrossedSettings | MutualSettings | ElectrodeSettings):
-                raise ConfigError(f'{config.path}: sensor "{sensor.name}": designs know no noise of its kind')
-    return np.concatenate(each)
+        if sensor.quantities is None:
+            raise ConfigError(f'{config.path}: sensor "{sensor.name}": designs know no noise of its kind')
+        each += [getattr(plan.noise, quantity) for quantity in sensor.quantities]
+    return np.array(each)
 
 
 def _watched(config: RobotSettings, device: Model) -> MaterialPoints | None:
@@ -269,45 +180,21 @@ def _watched(config: RobotSettings, device: Model) -> MaterialPoints | None:
         return MaterialPoints.embedded(device.body, np.array(points)) if points else None
 
 
-def _outside(plan: DesignPlan, config: RobotSettings) -> Outline:
-    match config.body.source:
-        case BlockSource() as source:
-            return Outline.of_size(source.size)
-        case FingerSource() as source:
-            return Outline.of(source.geometry([chamber.centre for chamber in config.chambers]).block())
-        case source:
-            raise ConfigError(
-                f"{plan.path}: device: the body of {config.path} comes from a {source.type}; cavities are "
-                'designed in a "pad", a "layout" or a "finger"'
-            )
+def _outside(plan: DesignPlan, config: RobotSettings) -> Block:
+    source = config.body.source
+    try:
+        return source.outside()
+    except MeshError as error:
+        raise ConfigError(
+            f"{plan.path}: device: the body of {config.path} comes from a {source.type}; {error}"
+        ) from error
 
 
 def _fineness(plan: DesignPlan, config: RobotSettings) -> Fineness:
-    source = config.body.source
-    if isinstance(source, BlockSource):
-        longest = finer_to_the_top(
-            source.size[2],
-            source.surface_size,
-            growth=source.growth,
-            fine_depth=source.fine_depth,
-        )
-        return Fineness(source.base_size, longest)
-    assert isinstance(source, FingerSource)
-    drawn = np.array([cavity.centre for cavity in plan.cavities])
-    half = np.array([cavity.half for cavity in plan.cavities])
-    boxes = np.stack([drawn - half, drawn + half], axis=1)
-
-    def near_walls(corners: np.ndarray) -> np.ndarray:
-        return source.wall_size + source.growth * edge_distance(boxes, corners).min(axis=1)
-
-    return Fineness(source.base_size, near_walls)
-
-
-def _by_electrodes(settings: AnyMeasure) -> bool:
-    """Whether a measure asks what electrodes tell of places."""
-    if isinstance(settings, PressMeasureSettings):
-        return settings.place_sigma is None
-    return settings.measure == "electrode-error"
+    centre, half = (
+        np.array([getattr(cavity, key) for cavity in plan.cavities]) for key in ("centre", "half")
+    )
+    return config.body.source.fineness(np.stack([centre - half, centre + half], axis=1))
 
 
 def _numbered(name: str, numbers: dict[str, int]) -> str:
@@ -334,27 +221,18 @@ def save_designed(
     document = moved(config.path, target)
     layout = mesh.layout
     parts = list(zip(layout.shapes, map(np.asarray, layout.values(jnp.asarray(theta))), strict=True))
-    source: dict[str, Any]
-    match config.body.source:
-        case BlockSource() as block:
-            source = {
-                "type": "layout",
-                "size": [_millimetres(length) for length in block.size],
-                "surface_size": _millimetres(block.surface_size),
-                "fine_depth": _millimetres(block.fine_depth),
-                "growth": block.growth,
-                "base_size": _millimetres(block.base_size),
-                "shape": _tables([written_shape(*part) for part in parts]),
-            }
-        case _:
-            file = target.with_suffix(".vtu")
-            write_mesh(file, mesh.mesh(theta))
-            source = {"type": "mesh", "file": file.name, "unit": "m"}
+    source = config.body.source.as_layout()
+    if source is None:
+        file = target.with_suffix(".vtu")
+        write_mesh(file, mesh.mesh(theta))
+        source = {"type": "mesh", "file": file.name, "unit": "m"}
+    else:
+        source["shape"] = _tables([written_shape(*part) for part in parts])
     names = [cavity.name for cavity in plan.cavities]
     document["body"]["source"] = source
     guides = CableRoute.of(plan, config).guides(jnp.asarray(theta))
     for cable, places in zip(document.get("cable", ()), guides, strict=True):
-        cable["guides"] = [[_millimetres(float(x)) for x in place] for place in places]
+        cable["guides"] = [[millimetres(float(x)) for x in place] for place in places]
     edits = {**channel_edits(plan, config), **ElectrodePitch.of(plan, config).edits(config, theta)}
     if config.estimator.reading_spread is not None:
         # A calibration's, of other cavities.
@@ -380,7 +258,3 @@ def _tables(contents: Sequence[dict[str, Any]]) -> AoT:
         tables.append(tomlkit.item(content))
     tables[-1].add(tomlkit.nl())
     return tables
-
-
-def _millimetres(length: float) -> str:
-    return f"{1e3 * length:.12g} mm"

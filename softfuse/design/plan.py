@@ -6,15 +6,15 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from annotated_types import Ge, Gt
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
+from softfuse.design.objective import AnyMeasure
 from softfuse.io.quantity import (
     ANGLE,
     LENGTH,
     Force,
     Integer,
     Number,
-    PositiveForce,
     PositiveInteger,
     PositiveLength,
     PositiveNumber,
@@ -29,12 +29,6 @@ from softfuse.robot.press_plan import AnyPlaces
 
 AXES = ("x", "y", "z")
 """Names of the coordinates of a guide."""
-
-KnownPlace = Annotated[
-    Annotated[float, Gt(0)] | None,
-    BeforeValidator(lambda value: None if value == "electrodes" else LENGTH.parse(value)),
-]
-"""How well a place is known otherwise: a length, or "electrodes"."""
 
 Quantity = str | float
 """Of a kind that depends on the value that it changes: "2 mm", "5 deg" or 0.1."""
@@ -141,49 +135,6 @@ def _unit(value: str) -> str:
     if value.startswith("turn "):
         return "rad"
     return "1" if value.startswith("harmonic ") or value == "roundness" else "m"
-
-
-class PlainMeasureSettings(Settings):
-    """A measure without settings, see `softfuse.design.objective`."""
-
-    measure: Literal["unevenness", "sensitivity", "softness", "electrode-error"]
-
-
-class PressMeasureSettings(Settings):
-    """A measure of presses with a force [N], whose places are known otherwise to place_sigma m; None, in the
-    file "electrodes": as well as the device's electrodes tell them.
-    """
-
-    measure: Literal["force-error", "worst-force-error", "ignorance", "shape-error"]
-    force: PositiveForce
-    place_sigma: KnownPlace
-
-
-class SufferedSettings(Settings):
-    """What cavities and material suffer from presses with a force [N]."""
-
-    measure: Literal["closing", "strain"]
-    force: PositiveForce
-
-
-class PlaceErrorSettings(Settings):
-    """How well readings alone tell the place of a force [N]."""
-
-    measure: Literal["place-error"]
-    force: PositiveForce
-
-
-class PairErrorSettings(Settings):
-    """How well the forces on two electrodes that are pressed at once are told apart, for pairs of names."""
-
-    measure: Literal["pair-error"]
-    pairs: Annotated[tuple[tuple[str, str], ...], NotEmpty]
-
-
-AnyMeasure = Annotated[
-    PlainMeasureSettings | PressMeasureSettings | SufferedSettings | PlaceErrorSettings | PairErrorSettings,
-    Field(discriminator="measure"),
-]
 
 
 _PURE = ("unevenness", "closing", "strain")

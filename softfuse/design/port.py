@@ -20,8 +20,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.errors import MeshError, SoftfuseError
+from softfuse.mesh.block import NORMALS, SIDES, Block
 from softfuse.robot.layout.layout import AbstractLayout
-from softfuse.robot.layout.outline import NORMALS, SIDES, Outline
 
 if TYPE_CHECKING:
     from manifold3d import Manifold
@@ -140,7 +140,7 @@ def placed(
 
 
 def _way_out(
-    outline: Outline, port: Port, start: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"]
+    outline: Block, port: Port, start: Float[np.ndarray, "3"], direction: Float[np.ndarray, "3"]
 ) -> tuple[float, int | None]:
     """How far [m] the body reaches from `start` along `direction`, and the notch behind, if any."""
     axis = int(np.argmax(np.abs(direction)))
@@ -255,7 +255,7 @@ def _loose(rod: Rod, cavities: Sequence["Manifold"], chord: float) -> str | None
     )
 
 
-def _too_near_outside(outline: Outline, rod: Rod, wall: float) -> str | None:
+def _too_near_outside(outline: Block, rod: Rod, wall: float) -> str | None:
     axis = int(np.argmax(np.abs(rod.direction)))
     others = [a for a in range(3) if a != axis]
     what = f"the rod of cavity {rod.cavity} to {rod.side}"

@@ -25,9 +25,10 @@ from softfuse.errors import SoftfuseError
 from softfuse.estimation.rest_response import place_response, rest_response
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.mechanics.model import Model
+from softfuse.mesh.block import Fineness
 from softfuse.mesh.surface import Surface
 from softfuse.robot.layout.layout import AbstractLayout
-from softfuse.robot.layout.layout_mesh import Fineness, LayoutMesh, layout_mesh, remade
+from softfuse.robot.layout.layout_mesh import LayoutMesh, layout_mesh, remade
 from softfuse.robot.layout.thickness import clearances, slacks, wall_names, wall_thicknesses
 
 

@@ -130,10 +130,9 @@ def _stiffening(material: Material, factor: float, name: str | None) -> YeohSett
 
 def _finer(settings: RobotSettings, mesh: RobotMesh, times: float) -> tuple[RobotSettings, RobotMesh]:
     """The settings, and their mesh, of one that has so many times the nodes of a mesh."""
-    shorter, body = times ** (1.0 / 3.0), settings.body
+    shorter = times ** (1.0 / 3.0)
     for _ in range(_MOST_MESHES):
-        source = body.source.finer(shorter)
-        made = settings.model_copy(update={"body": body.model_copy(update={"source": source})})
+        made = settings.finer(shorter)
         found = build_mesh(made)
         if len(found.mesh.nodes) >= times * len(mesh.mesh.nodes):
             return made, found

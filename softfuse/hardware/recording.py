@@ -130,11 +130,11 @@ def read_recording(path: str | Path, required: Sequence[str], form: RecordingSet
         for name, values in zip(names, (block.time_s, *block.values), strict=True):
             # What holds no numbers takes no memory, as long as it does not.
             if columns[name].count or np.isfinite(values).any():
-                columns[name].pad(line.count)
+                columns[name].fill(line.count)
                 columns[name].add(values)
         for c, codes in block.labels.items():
             held = labels.setdefault(c, _Growing(np.int16, -1))
-            held.pad(line.count)
+            held.fill(line.count)
             held.add(codes)
         line.add(block.line)
         malformed.add(block.malformed)
@@ -142,12 +142,12 @@ def read_recording(path: str | Path, required: Sequence[str], form: RecordingSet
     texts = {table.channels[c]: tuple(named) for c, named in table.labels.items() if c in labels and named}
     found = dict[str, Labels]()
     for c, held in labels.items():
-        held.pad(n)
+        held.fill(n)
         if table.channels[c] in texts:
             found[table.channels[c]] = Labels(texts[table.channels[c]], held.array)
     kept = {name: column for name, column in columns.items() if name not in found or column.count}
     for column in kept.values():
-        column.pad(n)
+        column.fill(n)
     arrays = {name: column.array for name, column in kept.items()}
     clock = clock_of(arrays[TIME])
     recording = Recording(
@@ -181,7 +181,7 @@ class _Growing:
         self._array[self.count : self.count + len(values)] = values
         self.count += len(values)
 
-    def pad(self, count: int) -> None:
+    def fill(self, count: int) -> None:
         """Fill up to so many."""
         if count > self.count:
             self._reserve(count)

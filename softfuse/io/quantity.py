@@ -161,6 +161,11 @@ def wrong_value(message: str, *, key: str = "") -> PydanticCustomError:
     return PydanticCustomError("softfuse", "{message}", {"message": message, "key": key})
 
 
+def millimetres(length: float) -> str:
+    """A length in m, for a file: what is read again differs by at most 1e-11 of it."""
+    return f"{1e3 * length:.12g} mm"
+
+
 def shown(value: Any) -> str:
     """A value as it stands in the file, in short."""
     if isinstance(value, Mapping):

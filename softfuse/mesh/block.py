@@ -24,6 +24,14 @@ _SAME = 1e-9
 _THIN = 0.05
 """Smallest distance of two grid planes over base_size that still gives usable tetrahedra."""
 
+NO_BOXES: Float[np.ndarray, "0 2 3"] = np.empty((0, 2, 3))
+
+SIDES = ("low x", "low y", "low z", "high x", "high y", "high z")
+"""Names of a block's faces."""
+
+NORMALS: Float[np.ndarray, "6 3"] = np.vstack([-np.eye(3), np.eye(3)])
+"""Outward unit normals (6, 3) of its faces, in the order of SIDES."""
+
 
 @dataclass(frozen=True, eq=False)
 class Block:
@@ -45,9 +53,85 @@ class Block:
         """Lowest and highest corners (k + n, 2, 3) in m of cavities and notches."""
         return np.concatenate([self.cavities, self.notches])
 
+    @property
+    def offsets(self) -> Float[np.ndarray, "6"]:
+        """How far (6,) m the block reaches along NORMALS."""
+        return np.concatenate([-self.low, self.high])
+
+    def check(self) -> None:
+        """Raise MeshError where the block or a notch has no volume."""
+        boxes = np.concatenate([np.stack([self.low, self.high])[None], self.notches])
+        flat = (boxes[:, 1] <= boxes[:, 0]).any(axis=1)
+        if flat.any():
+            k = int(np.argmax(flat))
+            what = "the block" if k == 0 else f"notch {k - 1}"
+            raise MeshError(
+                f"{what} has no volume: its highest corner must lie above its lowest along x, y, z"
+            )
+
     def volume(self) -> float:
         """Volume of the material in m³; the holes must not overlap nor leave the block."""
         return float(np.prod(self.high - self.low) - np.ptp(self.holes, axis=1).prod(axis=1).sum())
+
+
+def whole_block(size: tuple[float, float, float], cavities: Float[np.ndarray, "k 2 3"] = NO_BOXES) -> Block:
+    """A block of a size (3,) m with boxes (k, 2, 3) m for cavities and no notches: z from 0 at its bottom, x
+    and y centred, planes in its middle and at its top.
+    """
+    x, y, z = size
+    return Block(
+        low=np.array([-0.5 * x, -0.5 * y, 0.0]),
+        high=np.array([0.5 * x, 0.5 * y, z]),
+        cavities=cavities,
+        notches=NO_BOXES,
+        planes=((0.0,), (0.0,), (z,)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Fineness:
+    """Edges of a mesh: grid boxes of at most `base_size` m, then cut until no edge is longer than
+    `longest(corners (m, 4, 3) m)` (m,) in m allows, such as `finer_to_the_top`.
+    """
+
+    base_size: float
+    longest: Callable[[np.ndarray], np.ndarray]
+
+
+def finer_to_the_top(
+    top: float, surface_size: float, *, growth: float = 1.0, fine_depth: float = 0.0
+) -> Callable[[np.ndarray], np.ndarray]:
+    """The longest edges (m,) in m that tetrahedra of corners (m, 4, 3) m may have, in a body whose top is at
+    z = `top` m: surface_size + growth · max(0, d − fine_depth), d the depth of the highest corner.
+
+    Raises MeshError when surface_size is not positive, or growth or fine_depth are negative.
+    """
+    if surface_size <= 0.0 or growth < 0.0 or fine_depth < 0.0:
+        raise MeshError("surface_size must be positive, growth and fine_depth not negative")
+
+    def longest(corners: np.ndarray) -> np.ndarray:
+        depth = top - corners[:, :, 2].max(axis=1)
+        return surface_size + growth * np.maximum(depth - fine_depth, 0.0)
+
+    return longest
+
+
+def finer_to_edges(
+    boxes: Float[np.ndarray, "k 2 3"], farthest: float, wall_size: float, *, growth: float
+) -> Callable[[np.ndarray], np.ndarray]:
+    """The longest edges (m,) in m that tetrahedra of corners (m, 4, 3) m may have around boxes (k, 2, 3) m:
+    wall_size + growth · min(d, farthest), d the distance of the nearest corner from the boxes' edges.
+
+    Raises MeshError when wall_size is not positive, or growth is negative.
+    """
+    if wall_size <= 0.0 or growth < 0.0:
+        raise MeshError("wall_size must be positive, growth not negative")
+
+    def longest(corners: np.ndarray) -> np.ndarray:
+        distance = edge_distance(boxes, corners).min(axis=1)
+        return wall_size + growth * np.minimum(distance, farthest)
+
+    return longest
 
 
 def centred_boxes(

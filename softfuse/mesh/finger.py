@@ -14,14 +14,20 @@ mirror symmetry of the finger in y = 0 and starts, where the necks are alike and
 grid around each of them.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
+from annotated_types import Ge
 from jaxtyping import Float
 
 from softfuse.errors import MeshError
-from softfuse.mesh.block import Block, block_mesh, centred_boxes, edge_distance
+from softfuse.io.quantity import Number, PositiveLength
+from softfuse.io.settings import NotEmpty, Vector
+from softfuse.mesh.block import Block, Fineness, block_mesh, centred_boxes, finer_to_edges
+from softfuse.mesh.body_source import BodySource, Size
+from softfuse.mesh.shell import Shell
 from softfuse.mesh.tetmesh import TetMesh
 
 _SAME = 1e-9
@@ -70,9 +76,54 @@ class FingerGeometry:
             planes=((*necks.tolist(), *middles.tolist()), (0.0,), (z,)),
         )
 
-    def volume(self) -> float:
-        """Volume of the material in m³."""
-        return self.block().volume()
+
+class FingerSource(BodySource):
+    """A beam with necks and equal box-shaped cavities.
+
+    x from the clamped base (0) to the tip, y centred, z from the palm (0) to the back. size, cavity_size:
+    (3,) m; neck_x: middles (n,) m of the necks along x; a neck is neck_length m long and reaches from the
+    back down to neck_height m below it. The cavities stand where [[chamber]] says. Lengths of the mesh's
+    edges: at most wall_size m around the cavities, growing by growth m per m from there; the grid under it
+    has boxes of at most base_size m.
+    """
+
+    edges: ClassVar[tuple[str, ...]] = ("wall_size", "base_size")
+
+    type: Literal["finger"]
+    size: Size
+    neck_x: Annotated[tuple[PositiveLength, ...], NotEmpty]
+    neck_length: PositiveLength
+    neck_height: PositiveLength
+    cavity_size: Size
+    wall_size: PositiveLength
+    base_size: PositiveLength
+    growth: Annotated[Number, Ge(0)] = 2.0
+
+    def geometry(self, cavity_centres: Sequence[Vector]) -> FingerGeometry:
+        """The finger with cavities at the centres (k, 3) m."""
+        return FingerGeometry(
+            size=self.size,
+            neck_x=self.neck_x,
+            neck_length=self.neck_length,
+            neck_height=self.neck_height,
+            cavity_size=self.cavity_size,
+            cavity_centres=tuple(cavity_centres),
+        )
+
+    def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
+        """The same, meshed; see `finger_mesh` for the errors."""
+        geometry = self.geometry(cavity_centres)
+        return finger_mesh(geometry, self.wall_size, self.base_size, growth=self.growth)
+
+    def outside(self) -> Block:
+        """The beam with its notches."""
+        return self.geometry(()).block()
+
+    def fineness(self, boxes: Float[np.ndarray, "k 2 3"]) -> Fineness:
+        """Finer to the edges of the boxes."""
+        farthest = float(np.linalg.norm(self.size))
+        longest = finer_to_edges(boxes, farthest, self.wall_size, growth=self.growth)
+        return Fineness(self.base_size, longest)
 
 
 def finger_mesh(
@@ -81,29 +132,13 @@ def finger_mesh(
     """Linear tetrahedra of the finger, edges around the cavities at most wall_size m long.
 
     The tetrahedra come from grid boxes of at most base_size m; their longest edge gains growth metres per
-    metre of distance from the cavities' edges. Raises MeshError when a length is not positive, necks meet or
-    reach an end, a cavity reaches the surface, a notch or another cavity, or faces lie too near to each
-    other.
+    metre of distance from the cavities' edges; for another fineness see `block_mesh`. Raises MeshError when a
+    length is not positive, necks meet or reach an end, a cavity reaches the surface, a notch or another
+    cavity, or faces lie too near to each other.
     """
-    if wall_size <= 0.0 or growth < 0.0:
-        raise MeshError("wall_size must be positive, growth not negative")
-    farthest = float(np.linalg.norm(geometry.size))
     cavities = centred_boxes(geometry.centres(), geometry.cavity_size)
-
-    def longest(corners: np.ndarray) -> np.ndarray:
-        distance = edge_distance(cavities, corners).min(axis=1)
-        return wall_size + growth * np.minimum(distance, farthest)
-
-    return sized_finger_mesh(geometry, base_size, longest)
-
-
-def sized_finger_mesh(
-    geometry: FingerGeometry, base_size: float, longest: Callable[[np.ndarray], np.ndarray]
-) -> TetMesh:
-    """Linear tetrahedra of the finger whose edges are at most `longest(corners (m, 4, 3) m)` (m,) in m.
-
-    For refinement around a known contact; otherwise, and for the errors raised, see `finger_mesh`.
-    """
+    farthest = float(np.linalg.norm(geometry.size))
+    longest = finer_to_edges(cavities, farthest, wall_size, growth=growth)
     _check(geometry)
     return block_mesh(geometry.block(), base_size, longest)
 

@@ -8,20 +8,24 @@ no edge longer than
 with d the depth of the tetrahedron's highest corner below the top, and the mirror symmetries of the pad.
 """
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from softfuse.errors import MeshError
-from softfuse.mesh.block import Block, block_mesh, centred_boxes
-from softfuse.mesh.drawing import AbstractBlockDrawing
+from softfuse.io.quantity import wrong_value
+from softfuse.io.settings import Vector
+from softfuse.mesh.block import Block, block_mesh, centred_boxes, finer_to_the_top, whole_block
+from softfuse.mesh.body_source import BlockSource, Size
+from softfuse.mesh.shell import Shell
 from softfuse.mesh.tetmesh import TetMesh
 
 
 @dataclass(frozen=True)
-class PadGeometry(AbstractBlockDrawing):
+class PadGeometry:
     """Block size (3,) m; size (3,) m, centres (k, 2) m and floor height in m of its cavities."""
 
     size: tuple[float, float, float]
@@ -36,22 +40,36 @@ class PadGeometry(AbstractBlockDrawing):
 
     def block(self) -> Block:
         """The block with its cavities, planes of the grid in its middle."""
-        x, y, z = self.size
-        return Block(
-            low=np.array([-0.5 * x, -0.5 * y, 0.0]),
-            high=np.array([0.5 * x, 0.5 * y, z]),
-            cavities=centred_boxes(self.centres(), self.cavity_size),
-            notches=np.empty((0, 2, 3)),
-            planes=((0.0,), (0.0,), (z,)),
+        return whole_block(self.size, centred_boxes(self.centres(), self.cavity_size))
+
+
+class PadSource(BlockSource):
+    """A block with equal box-shaped cavities of a cavity_size (3,) m, all at the same height."""
+
+    type: Literal["pad"]
+    cavity_size: Size
+
+    def mesh(self, cavity_centres: Sequence[Vector], chambers: Sequence[Shell] = ()) -> TetMesh:
+        """The pad, meshed; see `pad_mesh` for the errors."""
+        geometry = PadGeometry(
+            size=self.size,
+            cavity_size=self.cavity_size,
+            cavity_centres=tuple(centre[:2] for centre in cavity_centres),
+            cavity_z_bottom=cavity_centres[0][2] - 0.5 * self.cavity_size[2],
+        )
+        return pad_mesh(
+            geometry, self.surface_size, self.base_size, growth=self.growth, fine_depth=self.fine_depth
         )
 
-    def volume(self) -> float:
-        """Volume of the material in m³."""
-        return self.block().volume()
-
-    def mesh(self, surface_size, base_size, *, growth=1.0, fine_depth=0.0):
-        """Linear tetrahedra; see `pad_mesh`."""
-        return pad_mesh(self, surface_size, base_size, growth=growth, fine_depth=fine_depth)
+    def check_cavities(self, centres: Sequence[Vector]) -> None:
+        """A pad has a cavity, and all at one height."""
+        if not centres:
+            raise wrong_value("a pad has at least one: add [[chamber]] with name and centre", key="chamber")
+        for k, centre in enumerate(centres):
+            if abs(centre[2] - centres[0][2]) > 1e-9:
+                raise wrong_value(
+                    "the cavities of a pad are all at one height", key=f"chamber[{k}].centre[2]"
+                )
 
 
 def pad_mesh(
@@ -64,37 +82,11 @@ def pad_mesh(
 ) -> TetMesh:
     """Linear tetrahedra of the pad, edges at the top at most surface_size m, grid boxes at most base_size m.
 
-    The longest edge stays the same down to fine_depth m, then gains growth metres per metre. Raises MeshError
-    when a length is not positive, a cavity reaches the surface, two cavities touch or their planes nearly
-    coincide.
+    The longest edge stays the same down to fine_depth m, then gains growth metres per metre; for another
+    fineness, such as one around a known contact, see `block_mesh`. Raises MeshError when a length is not
+    positive, a cavity reaches the surface, two cavities touch or their planes nearly coincide.
     """
     longest = finer_to_the_top(geometry.size[2], surface_size, growth=growth, fine_depth=fine_depth)
-    return sized_pad_mesh(geometry, base_size, longest)
-
-
-def finer_to_the_top(
-    top: float, surface_size: float, *, growth: float = 1.0, fine_depth: float = 0.0
-) -> Callable[[np.ndarray], np.ndarray]:
-    """The longest edges (m,) in m that tetrahedra of corners (m, 4, 3) m may have, in a body whose top is at
-    z = `top` m; lengths and errors: see `pad_mesh`.
-    """
-    if surface_size <= 0.0 or growth < 0.0 or fine_depth < 0.0:
-        raise MeshError("surface_size must be positive, growth and fine_depth not negative")
-
-    def longest(corners: np.ndarray) -> np.ndarray:
-        depth = top - corners[:, :, 2].max(axis=1)
-        return surface_size + growth * np.maximum(depth - fine_depth, 0.0)
-
-    return longest
-
-
-def sized_pad_mesh(
-    geometry: PadGeometry, base_size: float, longest: Callable[[np.ndarray], np.ndarray]
-) -> TetMesh:
-    """Linear tetrahedra of the pad whose edges are at most `longest(corners (m, 4, 3) m)` (m,) in m.
-
-    For refinement around a known contact; otherwise, and for the errors raised, see `pad_mesh`.
-    """
     if min(*geometry.size, *geometry.cavity_size) <= 0.0:
         raise MeshError("size and cavity_size must be positive")
     return block_mesh(geometry.block(), base_size, longest)

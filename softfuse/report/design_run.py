@@ -19,7 +19,6 @@ from softfuse.design.objective import Answers, measured
 from softfuse.design.of_robot import (
     build_limits,
     build_problem,
-    finer_config,
     limits_of,
     save_designed,
     search_settings,
@@ -192,7 +191,7 @@ class DesignRun:
 
     def verified(self, theta: Float[np.ndarray, " p"]) -> tuple[Verified, Verified, Array]:
         """The device as it is, and that with parameters (p,), on meshes of their own; the places."""
-        plan, finer = self.plan, finer_config(self.config, self.plan.verify.finer)
+        plan, finer = self.plan, self.config.finer(self.plan.verify.finer)
         problem = build_problem(plan, finer)
         self.begin("finer meshes")
         own, mesh = build_mesh(finer), problem.on_mesh(theta).mesh

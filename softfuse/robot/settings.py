@@ -1,9 +1,9 @@
 """A robot as a TOML file describes it: body, actuators, contacts, sensors and what is around it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import or_
-from typing import Annotated, Self, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 from annotated_types import Ge
@@ -88,6 +88,16 @@ class RobotSettings(FileSettings):
             known = ", ".join(f'"{each}"' for each in names) or "none"
             raise ConfigError(f"{self.path}: contact: say which one is meant: there is {known}")
         return self.contacts[names.index(name)]
+
+    def meshed(self, keys: Mapping[str, Any]) -> Self:
+        """The same with other keys [SI] of the body's source."""
+        source = self.body.source.model_copy(update=keys)
+        return self.model_copy(update={"body": self.body.model_copy(update={"source": source})})
+
+    def finer(self, times: float) -> Self:
+        """The same with a mesh of so many times shorter edges, as far as these are configured."""
+        source = self.body.source
+        return self.meshed({key: getattr(source, key) / times for key in source.edges})
 
     def sensors_of(self, kind: type[_Kind]) -> tuple[_Kind, ...]:
         """The sensors of a kind."""

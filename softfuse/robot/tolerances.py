@@ -21,10 +21,10 @@ class CalibrationSettings(Settings):
     array_sigma: ln of how much wider locations spread than their fits promise; array_dent: by which part of
     a dent's depth they spread besides; electrode_gain: ln of the gain of each line, at most.
 
-    A stiffness field is left out by default: five presses of the reference pad narrow 0.05 to 0.04 at best,
+    A stiffness field is left out by default: five presses of the reference block narrow 0.05 to 0.04 at best,
     and with 0.1 or more it follows what else the model misses there, so that other presses are told worse.
     So are gains of electrodes: what the model of a peak misses looks like gains under a few presses, of up to
-    12 % on the virtual pad of `softfuse evaluate`, whose lines are alike; places were then off by 0.55 mm
+    12 % on the virtual block of `softfuse evaluate`, whose lines are alike; places were then off by 0.55 mm
     instead of 0.2. Fit them where lines are known to differ, to presses all over the array.
     """
 

@@ -3,7 +3,7 @@
 States near many equilibria span what loads between the trained places do as well, so that the proper modes of
 all of them need no others beside them: a fifth fewer modes than the body's responses at rest to all forces of
 the loads, completed by modes of equilibria, come twice as close to what was not trained (measured on the
-pad).
+reference block).
 """
 
 from collections.abc import Callable

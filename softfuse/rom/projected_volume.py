@@ -22,7 +22,7 @@ from softfuse.functional.cavity import Cavity
 from softfuse.rom.reduced_body import ReducedBody
 
 _DIRECTIONS = 12
-"""So many that states use most; on the pad the first ten of them leave a thousandth out."""
+"""So many that states use most; on the reference block the first ten of them leave a thousandth out."""
 
 
 class ProjectedVolumes(AbstractFunctional):

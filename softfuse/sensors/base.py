@@ -253,6 +253,13 @@ class SensorSettings(Settings):
         """All columns that a recording must have for it, in the order of its raw readings."""
         return self.channels
 
+    @property
+    def quantities(self) -> tuple[str, ...] | None:
+        """What each reading is, "volume" or "pressure" of a chamber or "shortening" of a cable; () of a
+        sensor that sees contacts, None of any other.
+        """
+        return None
+
     @abstractmethod
     def sensor(self, parts: "Parts") -> AbstractSensor | AbstractContactSensor:
         """The filter."""
@@ -344,6 +351,11 @@ class ContactSettings(SensorSettings):
     """A [[sensor]] that sees the contacts of a [[contact]], with its name."""
 
     contact: str
+
+    @property
+    def quantities(self):
+        """None."""
+        return ()
 
     def functional(self, parts):
         """None."""

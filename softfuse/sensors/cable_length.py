@@ -77,6 +77,11 @@ class CableLengthSettings(SensorSettings):
         self._one_each("channels", self.channels, len(self.cables))
         return self
 
+    @property
+    def quantities(self):
+        """One of each cable."""
+        return ("shortening",) * len(self.cables)
+
     def sensor(self, parts):
         """Raises ConfigError for a cable that there is not."""
         parts.cables_of(self.name, self.cables)

@@ -12,9 +12,11 @@ than noise.
 The baseline follows the counts of the untouched array with a time constant, is frozen while something
 touches, and creeps while something is near (a hovering hand must not become the baseline soon, a drifted
 electrode must not block the array for ever). A signal far below zero cannot be physical: the baseline was
-taken with something on the pad, and is taken anew.
+taken with something on the array, and is taken anew.
 """
 
+from abc import abstractmethod
+from collections.abc import Callable
 from typing import Annotated, Self
 
 import equinox as eqx
@@ -26,7 +28,7 @@ from jaxtyping import Array, Bool, Float, Int
 from pydantic import model_validator
 
 from softfuse.io.quantity import Integer, Number, PositiveNumber, PositiveTime, wrong_value
-from softfuse.io.settings import Settings
+from softfuse.io.settings import Positions, Settings
 from softfuse.sensors.base import ContactSettings
 from softfuse.sensors.electronics import ChannelElectronics, Values, equal_channels
 from softfuse.sensors.parameters import parameters
@@ -116,6 +118,21 @@ class CountsSettings(ContactSettings):
         ends = {"low": self.lowest_counts, "high": self.highest_counts}
         count = len(self.channels)
         return equal_channels(count, nothing=nothing, noise=self.noise_counts, step=1.0, **ends, **own)
+
+
+class ElectrodeLinesSettings(CountsSettings):
+    """Rows and columns of electrodes under the flat face on which a [[contact]] presses; row_y, column_x:
+    their centre lines in the chart of the contact, in m.
+    """
+
+    row_y: Positions
+    column_x: Positions
+
+    @abstractmethod
+    def place_information(self, radius_m: float) -> Callable[[Array, Array, Array], Array]:
+        """Of contacts of a radius [m]: from columns (c,), rows (r,) and places (s, 2), all in m, to the
+        information (s, 2, 2) [1/m²] on the places, see `place_information`; differentiable.
+        """
 
 
 def array_init(electrodes: int) -> ArrayState:

@@ -321,6 +321,7 @@ class FlowSettings(PartSettings):
     """
 
     known_parts: ClassVar = _PARTS
+    quantity: ClassVar = "volume"
 
     type: Literal["flow"] = "flow"
     zero: Raw

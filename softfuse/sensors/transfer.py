@@ -57,6 +57,8 @@ class PartSettings(SensorSettings):
     """
 
     known_parts: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    quantity: ClassVar[str]
+    """Of a chamber, see `quantities`."""
 
     chambers: Names
     part: str | None = None
@@ -86,6 +88,11 @@ class PartSettings(SensorSettings):
         self._one_each("gain", self.gain, len(self.channels))
         self._count(len(self.chambers), f"{len(self.chambers)} chambers")
         return self
+
+    @property
+    def quantities(self):
+        """One of each chamber."""
+        return (self.quantity,) * len(self.chambers)
 
     @property
     def readings(self) -> tuple[str, ...]:

@@ -7,11 +7,11 @@ import pytest
 
 from softfuse.design.casting import Casting, casting, cavity_solids
 from softfuse.design.port import nearest_ports
-from softfuse.mesh.pad import PadGeometry, finer_to_the_top
+from softfuse.mesh.block import Fineness, finer_to_the_top
+from softfuse.mesh.pad import PadGeometry
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout import Parameter, TiedLayout
-from softfuse.robot.layout.layout_mesh import Fineness, LayoutMesh, layout_mesh
-from softfuse.robot.layout.outline import Outline
+from softfuse.robot.layout.layout_mesh import LayoutMesh, layout_mesh
 from softfuse.robot.layout.profile import AbstractProfile, RoundedBox
 
 BLOCK = PadGeometry((0.07, 0.04, 0.018), (0.026, 0.028, 0.006), ((-0.017, 0.0), (0.017, 0.0)), 0.006).block()
@@ -39,7 +39,7 @@ def twin_layout(profile: AbstractProfile, **shape: float) -> TiedLayout:
             for name, value in shape.items()
         ),
     ]
-    return TiedLayout.of(Outline.of(BLOCK), cavities, parameters)
+    return TiedLayout.of(BLOCK, cavities, parameters)
 
 
 @pytest.fixture(scope="session")
@@ -74,7 +74,7 @@ def pad() -> TiedLayout:
     size = {"z": 0.009, "half x": 0.014, "half y": 0.014, "half z": 0.003, "fillet": 0.001}
     cavities = [(CavityShape(RoundedBox()), {"x": x, "y": y, **size}) for x, y in places]
     widths = {(k, "half x"): 1.0 for k in range(4)}
-    return TiedLayout.of(Outline.of(block), cavities, [Parameter("width", 0.014, 0.01, 0.016, adds=widths)])
+    return TiedLayout.of(block, cavities, [Parameter("width", 0.014, 0.01, 0.016, adds=widths)])
 
 
 @pytest.fixture(scope="session")

@@ -9,12 +9,12 @@ from softfuse.design.casting import body_solid, casting, cavity_solids, outline_
 from softfuse.design.casting_check import checked_solids
 from softfuse.design.port import Port
 from softfuse.errors import MeshError, SoftfuseError
+from softfuse.mesh.block import NO_BOXES, Block
 from softfuse.mesh.finger import FingerGeometry
 from softfuse.mesh.surface import enclosed_volume
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.cube_sphere import cube_sphere
 from softfuse.robot.layout.layout import Parameter, TiedLayout
-from softfuse.robot.layout.outline import Outline
 from softfuse.robot.layout.profile import RoundedBox, Superellipsoid
 
 CHORD = 20e-6
@@ -77,15 +77,15 @@ def test_the_table_tells_names_volumes_and_surfaces(pad_cast) -> None:
 
 def test_notches_are_cut_from_the_block() -> None:
     finger = FingerGeometry((0.12, 0.02, 0.02), (0.03, 0.06, 0.09), 0.012, 0.015, (0.008, 0.006, 0.01), ())
-    solid = outline_solid(Outline.of(finger.block()))
-    assert solid.volume() == pytest.approx(finger.volume(), rel=1e-12)
+    solid = outline_solid(finger.block())
+    assert solid.volume() == pytest.approx(finger.block().volume(), rel=1e-12)
     assert (solid.genus(), len(solid.decompose())) == (0, 1)
 
 
 def two_balls(apart: float, height: float) -> TiedLayout:
     """Balls of 4 mm radius with centres at a distance and a height in m, in a block of 40 x 20 x 20 mm."""
-    outline = Outline(
-        np.array([-0.02, -0.01, 0.0]), np.array([0.02, 0.01, 0.02]), np.empty((0, 2, 3)), ((), (), ())
+    outline = Block(
+        np.array([-0.02, -0.01, 0.0]), np.array([0.02, 0.01, 0.02]), NO_BOXES, NO_BOXES, ((), (), ())
     )
     size = {"half x": 0.004, "half y": 0.004, "half z": 0.004, "roundness": 1.0}
     balls = [(CavityShape(Superellipsoid()), {"x": x, "y": 0.0, "z": height, **size}) for x in (0.0, apart)]
@@ -116,7 +116,7 @@ def test_cavities_that_meet_reach_out_or_do_not_exist_are_refused() -> None:
 
 def test_a_block_cut_in_two_is_refused() -> None:
     slit = np.array([[[-0.001, -0.01, 0.0], [0.001, 0.01, 0.02]]])
-    outline = Outline(np.array([-0.02, -0.01, 0.0]), np.array([0.02, 0.01, 0.02]), slit, ((), (), ()))
+    outline = Block(np.array([-0.02, -0.01, 0.0]), np.array([0.02, 0.01, 0.02]), NO_BOXES, slit, ((), (), ()))
     with pytest.raises(MeshError, match="2 pieces"):
         outline_solid(outline)
 

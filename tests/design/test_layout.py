@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from softfuse.errors import MeshError, SoftfuseError
+from softfuse.mesh.block import NO_BOXES, Block
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout import AbstractLayout, Parameter, TiedLayout
-from softfuse.robot.layout.outline import Outline
 from softfuse.robot.layout.profile import RoundedBox, Superellipsoid
 
-OUTLINE = Outline(np.zeros(3), np.array([0.08, 0.04, 0.02]), np.empty((0, 2, 3)), ((), (), ()))
+OUTLINE = Block(np.zeros(3), np.array([0.08, 0.04, 0.02]), NO_BOXES, NO_BOXES, ((), (), ()))
 BOX = CavityShape(RoundedBox())
 DRAWN = {"x": 0.03, "y": 0.02, "z": 0.01, "half x": 0.01, "half y": 0.008, "half z": 0.003, "fillet": 0.001}
 WIDTH = Parameter("width", 0.01, 0.005, 0.012, adds={(0, "half x"): 1.0, (1, "half x"): 1.0, (1, "x"): -2.0})
@@ -35,7 +35,7 @@ def test_parameters_add_to_what_is_drawn() -> None:
 class Ring(AbstractLayout):
     """Three balls on a circle: its radius and their angle are free."""
 
-    outline: Outline = eqx.field(static=True, default=OUTLINE)
+    outline: Block = eqx.field(static=True, default=OUTLINE)
     shapes: tuple[CavityShape, ...] = (CavityShape(Superellipsoid()),) * 3
     parameters: tuple[Parameter, ...] = eqx.field(
         static=True,
@@ -83,6 +83,6 @@ def test_what_does_not_fit_is_told(cavity, parameter, said) -> None:
 
 
 def test_an_outline_without_volume_is_told() -> None:
-    flat = Outline(np.zeros(3), np.ones(3), np.array([[[0.0, 0, 0], [1.0, 0, 1.0]]]), ((), (), ()))
+    flat = Block(np.zeros(3), np.ones(3), NO_BOXES, np.array([[[0.0, 0, 0], [1.0, 0, 1.0]]]), ((), (), ()))
     with pytest.raises(MeshError, match="notch 0 has no volume"):
         TiedLayout.of(flat, [], [])

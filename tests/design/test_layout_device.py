@@ -20,9 +20,9 @@ from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.newton import Newton, solve
 from softfuse.mechanics.reading import AnswerReading, ShapeReading
 from softfuse.mechanics.solution import RESULTS, State
-from softfuse.mesh.pad import finer_to_the_top
+from softfuse.mesh.block import Fineness, finer_to_the_top
 from softfuse.mesh.surface import outer_surface
-from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh
+from softfuse.robot.layout.layout_mesh import layout_mesh
 
 DISC = jnp.asarray(facing(np.array([[0.012, 0.003, 0.018]]), (0, 0, -1)))
 

@@ -1,6 +1,5 @@
 """Drawn layouts: meshed as fine as asked, and made with errors as a test bed is."""
 
-from dataclasses import replace
 from math import radians
 
 import jax.numpy as jnp
@@ -13,17 +12,40 @@ from softfuse.errors import MeshError
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.material import NeoHookean
+from softfuse.mesh.block import Fineness, finer_to_the_top, whole_block
 from softfuse.mesh.morph import reshaped_cavities
 from softfuse.mesh.orientation import check
 from softfuse.mesh.quality import curved_mean_ratios
 from softfuse.mesh.surface import cavities, outer_surface
 from softfuse.mesh.tetmesh import TetMesh, quadratic
 from softfuse.robot.layout.cavity_shape import CavityShape
-from softfuse.robot.layout.layout_drawing import LayoutDrawing
+from softfuse.robot.layout.layout import TiedLayout
+from softfuse.robot.layout.layout_source import drawn_mesh
 from softfuse.robot.layout.profile import FreeForm, RoundedBox, Superellipsoid
 
 HALF = (0.014, 0.012, 0.003)
-FOUR = LayoutDrawing(
+Drawn = tuple[tuple[CavityShape, tuple[float, ...]], ...]
+
+
+def layout(size: tuple[float, float, float], cavities: Drawn) -> TiedLayout:
+    """A block of a size (3,) m with cavities of such values."""
+    named = [(shape, dict(zip(shape.names, values, strict=True))) for shape, values in cavities]
+    return TiedLayout.of(whole_block(size), named, ())
+
+
+def meshed(drawn: TiedLayout, surface_size: float, *, growth: float = 1.0) -> TetMesh:
+    """Its mesh, of grid boxes of 12 mm."""
+    top = float(drawn.outline.high[2])
+    return drawn_mesh(drawn, Fineness(0.012, finer_to_the_top(top, surface_size, growth=growth)))
+
+
+def centres(drawn: TiedLayout) -> np.ndarray:
+    """Of its cavities (k, 3) m."""
+    values = zip(drawn.shapes, drawn.values(jnp.asarray(drawn.start)), strict=True)
+    return np.array([shape.centre(each) for shape, each in values])
+
+
+FOUR = layout(
     (0.08, 0.08, 0.018),
     (
         (CavityShape(RoundedBox()), (-0.017, -0.017, 0.009, *HALF, 0.0, 0.0, 0.17, 0.002)),
@@ -36,7 +58,7 @@ FOUR = LayoutDrawing(
     ),
 )
 """Every profile, some turned."""
-OTHERS = LayoutDrawing(
+OTHERS = layout(
     (0.08, 0.08, 0.018),
     (
         (
@@ -51,7 +73,7 @@ OTHERS = LayoutDrawing(
         (CavityShape(RoundedBox()), (0.017, 0.017, 0.009, 0.014, 0.014, 0.003, 0.0, 0.0, 0.0, 0.0005)),
     ),
 )
-EGG = LayoutDrawing(
+EGG = layout(
     (0.04, 0.04, 0.018),
     ((CavityShape(Superellipsoid()), (0.001, 0.0, 0.009, 0.012, 0.01, 0.004, 0.0, 0.0, 0.1, 1.0)),),
 )
@@ -59,25 +81,25 @@ EGG = LayoutDrawing(
 
 def test_edges_that_would_turn_tetrahedra_inside_out_are_less_curved() -> None:
     # With the edges of walls curved as the cavities are, this is one of the meshes with inverted tetrahedra.
-    mesh = FOUR.mesh(0.01, 0.012, growth=0.5)
+    mesh = meshed(FOUR, 0.01, growth=0.5)
     check(mesh)
     assert curved_mean_ratios(mesh).min() > 0.05
     np.testing.assert_array_equal(
-        FOUR.centres()[:, :2], 0.017 * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+        centres(FOUR)[:, :2], 0.017 * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
     )
 
 
-def made(drawing: LayoutDrawing, mesh: TetMesh, seed: int) -> TetMesh:
+def made(drawing: TiedLayout, mesh: TetMesh, seed: int) -> TetMesh:
     """With cavities off their places by up to 0.3 mm and their sizes by up to 0.2 mm."""
-    rng, centres = np.random.default_rng(seed), drawing.centres()
-    shifts, growths = (rng.uniform(-bound, bound, centres.shape) for bound in (0.3e-3, 0.2e-3))
-    return quadratic(reshaped_cavities(mesh, shifts, growths, centres=centres))
+    rng, places = np.random.default_rng(seed), centres(drawing)
+    shifts, growths = (rng.uniform(-bound, bound, places.shape) for bound in (0.3e-3, 0.2e-3))
+    return quadratic(reshaped_cavities(mesh, shifts, growths, centres=places))
 
 
 def test_a_point_is_found_in_the_curved_elements_of_a_layout() -> None:
     # The ninth element by how far it is inside those with straight edges is the one that holds it.
     point = np.array([[-0.03, 0.003, 0.0165]])
-    mesh = made(OTHERS, OTHERS.mesh(0.01, 0.012, growth=0.5), seed=1)
+    mesh = made(OTHERS, meshed(OTHERS, 0.01, growth=0.5), seed=1)
     law = NeoHookean.from_young(0.6e6, 0.49)
     body = Body.from_mesh(mesh, (law,), mesh.nodes[:, 2] <= 1e-9, element=TAYLOR_HOOD)
     found = MaterialPoints.embedded(body, point)
@@ -87,12 +109,12 @@ def test_a_point_is_found_in_the_curved_elements_of_a_layout() -> None:
 
 def test_a_drawing_without_volume_is_refused() -> None:
     with pytest.raises(MeshError, match="the block has no volume"):
-        replace(EGG, size=(0.0, 0.04, 0.018)).layout()
+        layout((0.0, 0.04, 0.018), ())
 
 
 def test_a_cavity_with_errors_of_making_is_as_round_as_drawn() -> None:
-    drawn = EGG.mesh(0.012, 0.012, growth=1.0)
-    wall = np.unique(cavities(quadratic(drawn), EGG.centres())[0].faces)
+    drawn = meshed(EGG, 0.012)
+    wall = np.unique(cavities(quadratic(drawn), centres(EGG))[0].faces)
     before, after = quadratic(drawn).nodes, made(EGG, drawn, seed=5).nodes
     low, high = before[wall].min(axis=0), before[wall].max(axis=0)
     size = np.ptp(after[wall], axis=0)
@@ -101,10 +123,10 @@ def test_a_cavity_with_errors_of_making_is_as_round_as_drawn() -> None:
     assert 1e-6 < np.abs(size - (high - low)).max() <= 0.2e-3
     moved = 0.5 * (low + high) + shift + (before[wall] - 0.5 * (low + high)) * size / (high - low)
     np.testing.assert_allclose(after[wall], moved, atol=1e-12)
-    volume = Cavity.of(cavities(quadratic(drawn), EGG.centres())[0].faces)
+    volume = Cavity.of(cavities(quadratic(drawn), centres(EGG))[0].faces)
     stretch = float(np.prod(size / (high - low)))
     assert float(volume(jnp.asarray(after))) == pytest.approx(
         float(volume(jnp.asarray(before))) * stretch, rel=1e-9
     )
-    skin = outer_surface(EGG.mesh(0.012, 0.012)).faces
+    skin = outer_surface(meshed(EGG, 0.012)).faces
     np.testing.assert_array_equal(after[skin], before[skin])

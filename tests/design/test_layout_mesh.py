@@ -8,15 +8,15 @@ from scipy.spatial import cKDTree
 
 from softfuse.errors import MeshError
 from softfuse.functional.cavity import Cavity
+from softfuse.mesh.block import Fineness, finer_to_the_top
 from softfuse.mesh.orientation import check
-from softfuse.mesh.pad import PadGeometry, finer_to_the_top
+from softfuse.mesh.pad import PadGeometry
 from softfuse.mesh.quality import curved_mean_ratios, mean_ratios
 from softfuse.mesh.surface import outer_surface
 from softfuse.mesh.tetmesh import TetMesh, quadratic, tet_mesh
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout import TiedLayout
-from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh, remade
-from softfuse.robot.layout.outline import Outline
+from softfuse.robot.layout.layout_mesh import layout_mesh, remade
 from softfuse.robot.layout.profile import FreeForm, RoundedBox, Superellipsoid
 
 
@@ -70,7 +70,7 @@ def test_meshes_have_the_cavitys_volume_and_need_to_grow_it_ever_less() -> None:
     block = PadGeometry((0.03, 0.03, 0.02), (0.016, 0.014, 0.008), ((0.0, 0.0),), 0.006).block()
     values = {"x": 0.0, "y": 0.0, "z": 0.01, "half x": 0.008, "half y": 0.007, "half z": 0.004}
     ball = CavityShape(Superellipsoid()), {**values, "roundness": 1.0}
-    layout = TiedLayout.of(Outline.of(block), [ball], [])
+    layout = TiedLayout.of(block, [ball], [])
     exact = 4 / 3 * np.pi * 0.008 * 0.007 * 0.004
     grown = []
     for size in (0.012, 0.006, 0.003):

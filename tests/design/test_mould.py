@@ -10,10 +10,10 @@ from softfuse.design.casting_check import checked_solids
 from softfuse.design.mould import MouldShape, mould
 from softfuse.design.port import Port, nearest_ports
 from softfuse.errors import MeshError, SoftfuseError
+from softfuse.mesh.block import NO_BOXES, Block
 from softfuse.mesh.finger import FingerGeometry
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout import TiedLayout
-from softfuse.robot.layout.outline import Outline
 from softfuse.robot.layout.profile import RoundedBox
 
 CHORD = 20e-6
@@ -33,7 +33,7 @@ SHAPE = MouldShape(
 def cast_of(low, high, notches=(), *, side="low y", start=None) -> Casting:
     """A cavity of 6 mm in the middle of a block between corners in m, with notches."""
     boxes = np.array(notches, float).reshape(-1, 2, 3)
-    outline = Outline(np.array(low, float), np.array(high, float), boxes, ((), (), ()))
+    outline = Block(np.array(low, float), np.array(high, float), NO_BOXES, boxes, ((), (), ()))
     centre = dict(zip("xyz", (0.5 * (outline.low + outline.high)).tolist(), strict=True))
     halves = {name: 0.003 for name in ("half x", "half y", "half z")}
     layout = TiedLayout.of(outline, [(CavityShape(RoundedBox()), {**centre, **halves, "fillet": 0.001})], [])
@@ -55,7 +55,7 @@ def finger_cast() -> Casting:
     cavities = [
         (CavityShape(RoundedBox()), {**dict(zip("xyz", at, strict=True)), **halves}) for at in centres
     ]
-    layout = TiedLayout.of(Outline.of(finger.block()), cavities, [])
+    layout = TiedLayout.of(finger.block(), cavities, [])
     solids = cavity_solids(layout, layout.start, CHORD)
     ports = nearest_ports(layout, layout.start, solids, radius=0.001, wall=0.001, chord=CHORD)
     return casting(layout, layout.start, ports, beyond=0.006, wall=0.001, chord=CHORD)

@@ -39,9 +39,9 @@ from softfuse.mechanics.indenters import FlatIndenter
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.multifrontal import Multifrontal
 from softfuse.mechanics.reading import ShapeReading
-from softfuse.mesh.pad import finer_to_the_top
+from softfuse.mesh.block import Fineness, finer_to_the_top
 from softfuse.mesh.surface import outer_surface
-from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh
+from softfuse.robot.layout.layout_mesh import layout_mesh
 
 PRESSED_AT = [[0.015, 0.004, 0.0], [-0.012, -0.006, 0.0], [0.003, 0.008, 0.0], [-0.02, 0.01, 0.0]]
 PLACES = jnp.asarray(facing(np.array(PRESSED_AT), (0, 0, -1)))

@@ -10,14 +10,13 @@ import pytest
 
 from softfuse.design.cable_route import CableRoute
 from softfuse.design.chamber_count import channel_edits, with_chambers
+from softfuse.design.electrode_pitch import ElectrodePitch
 from softfuse.design.objective import Answers, PairError, Unevenness
 from softfuse.design.of_robot import (
     build_layout,
     build_limits,
-    build_measure,
     build_places,
     build_problem,
-    finer_config,
     limits_of,
     save_designed,
     searched_config,
@@ -28,6 +27,7 @@ from softfuse.robot.file import load
 from softfuse.robot.layout.layout_mesh import layout_mesh
 from softfuse.robot.layout.thickness import wall_names, wall_thicknesses
 from softfuse.robot.mesh import build_mesh
+from softfuse.sensors.cable_tension import CableTensionSettings
 from softfuse.sensors.flow import FlowSettings
 from softfuse.sensors.pressure.settings import PressureSettings
 
@@ -151,7 +151,7 @@ def test_mistakes_are_told(changed, plan, old, new, message) -> None:
         problem = build_problem(planned, config)
         names = build_places(planned, config)[1]
         for limit in planned.limits:
-            build_measure(planned, limit.of, names)
+            limit.of.build(planned.path, names)
         problem.walls.least(problem.layout)
 
 
@@ -167,7 +167,7 @@ def test_walls_by_name_are_those_of_a_cavity(changed) -> None:
 def test_a_finer_config_has_shorter_edges() -> None:
     for name in ("pad.toml", "finger.toml"):
         config = load(CONFIGS / name)
-        assert finer_config(config, 2.0).body.source.base_size == 0.5 * config.body.source.base_size
+        assert config.finer(2.0).body.source.base_size == 0.5 * config.body.source.base_size
 
 
 def test_a_search_may_have_a_mesh_of_its_own() -> None:
@@ -303,6 +303,30 @@ def test_lines_of_electrodes_follow_their_pitch(changed, tmp_path, device) -> No
     corner = int(np.argmax(problem.places[:, 0, 0] + problem.places[:, 0, 1]))
     error = {name: np.trace(np.linalg.inv(each[corner])) for name, each in told.items()}
     assert error["nearer"] > 1.2 * error["drawn"]
+
+
+def test_lines_need_room_on_the_face_that_they_are_on(changed) -> None:
+    plan = load_design(changed(PAD, ("# What may change", PITCH + "\n# What may change")))
+    config = load(plan.device)
+    ElectrodePitch.of(plan, config)
+    # Along x and z of a side, which is 18 mm high.
+    side = config.contacts[0].model_copy(update={"direction": (0.0, 1.0, 0.0)})
+    with pytest.raises(ConfigError, match="rows of electrodes could leave the body"):
+        ElectrodePitch.of(plan, config.model_copy(update={"contacts": (side,)}))
+
+
+def test_cavities_of_a_body_from_a_file_are_not_designed() -> None:
+    with pytest.raises(ConfigError, match=r"device: the body of .*dome.toml comes from a surface; cavities"):
+        build_layout(load_design(PAD), load(CONFIGS / "dome.toml"))
+
+
+def test_sensors_whose_noise_a_plan_does_not_say_are_told() -> None:
+    plan = load_design(FINGER)
+    config = load(plan.device)
+    tension = CableTensionSettings(name="pull", channels=("pull_N",), cables=(config.cables[0].name,))
+    other = config.model_copy(update={"sensors": (*config.sensors, tension)})
+    with pytest.raises(ConfigError, match='sensor "pull": designs know no noise of its kind'):
+        build_problem(plan, other)
 
 
 def test_a_plan_may_draw_another_number_of_cavities(changed, tmp_path) -> None:

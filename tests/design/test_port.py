@@ -6,9 +6,9 @@ import pytest
 from softfuse.design.casting import cavity_solids
 from softfuse.design.port import Port, box_solid, check_rods, nearest_ports, placed, prism
 from softfuse.errors import MeshError, SoftfuseError
+from softfuse.mesh.block import NO_BOXES, NORMALS, SIDES, Block
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.layout import TiedLayout
-from softfuse.robot.layout.outline import NORMALS, SIDES, Outline
 from softfuse.robot.layout.profile import RoundedBox
 
 CHORD = 20e-6
@@ -21,9 +21,10 @@ def pad_cavities(pad):
 
 def with_notch(low, high) -> TiedLayout:
     """A cavity of 6 mm around (0, 0, 10) mm in a block of 40 x 20 x 20 mm with a notch."""
-    outline = Outline(
+    outline = Block(
         np.array([-0.02, -0.01, 0.0]),
         np.array([0.02, 0.01, 0.02]),
+        NO_BOXES,
         np.array([[low, high]], float),
         ((), (), ()),
     )

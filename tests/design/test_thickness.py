@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from softfuse.mesh.block import NO_BOXES, Block
 from softfuse.robot.layout.cavity_shape import CavityShape
 from softfuse.robot.layout.cube_sphere import cube_sphere
 from softfuse.robot.layout.layout import Parameter, TiedLayout
-from softfuse.robot.layout.outline import Outline
 from softfuse.robot.layout.profile import AbstractProfile, FreeForm, RoundedBox, Superellipsoid
 from softfuse.robot.layout.thickness import clearances, separation, slacks, wall_names, wall_thicknesses
 
-OUTLINE = Outline(
+OUTLINE = Block(
     np.array([-0.04, -0.03, 0.0]),
     np.array([0.04, 0.03, 0.02]),
+    NO_BOXES,
     np.array([[[0.02, -0.03, 0.0], [0.03, 0.03, 0.006]]]),
     ((0.0,), (0.0,), (0.02,)),
 )

@@ -8,8 +8,8 @@ import pytest
 from softfuse.errors import ConfigError
 from softfuse.experiment.paper.bed import build_bed
 from softfuse.experiment.paper.pushes import TABLE_III
-from softfuse.robot.body import LayoutSource
 from softfuse.robot.file import load
+from softfuse.robot.layout.layout_source import LayoutSource
 from softfuse.robot.settings import RobotSettings
 
 SHAPE = """

@@ -16,18 +16,18 @@ from softfuse.hardware.wire.message import (
     pack,
 )
 
-PAD = Description("pad", (Channel("f_V", RawType.U16, 0.5, -1.0),))
+ARM = Description("arm", (Channel("f_V", RawType.U16, 0.5, -1.0),))
 """Device 7 of the specification's example."""
 
 DESCRIBED_BODY = bytes.fromhex(
     "01 01 0700 00000000 40420f0000000000"  # version, kind, device, sequence, 1,000,000 µs
-    "03 706164"  # "pad"
+    "03 61726d"  # "arm"
     "0100"  # one channel
     "03 0000003f 000080bf 03 665f56"  # u16, scale 0.5, offset -1, "f_V"
 )
 SAMPLE_BODY = bytes.fromhex(
     "01 02 0700 00000000 50690f0000000000"  # 1,010,000 µs
-    "9927"  # layout
+    "d1b3"  # layout
     "01"  # channel 0 was read
     "0201"  # 258
 )
@@ -63,18 +63,18 @@ def test_the_check_value_of_the_crc():
 
 
 def test_a_description_to_the_byte():
-    message = DescriptionMessage(Header(7, 0, 1_000_000), PAD)
+    message = DescriptionMessage(Header(7, 0, 1_000_000), ARM)
     assert encode(message) == DESCRIBED_BODY
     assert decode(DESCRIBED_BODY) == message
-    assert PAD.layout() == crc_by_bits(DESCRIBED_BODY[16:]) == 0x2799
+    assert ARM.layout() == crc_by_bits(DESCRIBED_BODY[16:]) == 0xB3D1
 
 
 def test_a_sample_to_the_byte():
-    message = SampleMessage(Header(7, 0, 1_010_000), 0x2799, bytes.fromhex("01 0201"))
+    message = SampleMessage(Header(7, 0, 1_010_000), 0xB3D1, bytes.fromhex("01 0201"))
     assert encode(message) == SAMPLE_BODY
     assert decode(SAMPLE_BODY) == message
-    layout = Layout(PAD)
-    assert layout.number == 0x2799
+    layout = Layout(ARM)
+    assert layout.number == 0xB3D1
     assert layout.content(np.array([128.0])) == bytes.fromhex("01 0201")
     np.testing.assert_array_equal(layout.values(bytes.fromhex("01 0201")), [0.5 * 258 - 1])
 
@@ -88,11 +88,11 @@ def test_a_remark_and_a_question_to_the_byte():
 
 def test_the_packets_on_the_line_to_the_byte():
     assert pack(DESCRIBED_BODY) == bytes.fromhex(
-        "04 010107 01 01 01 01 04 40420f 01 01 01 01 06 03706164 01 02 03 01 01 02 3f 01 09 80bf03665f56 1c6b"
+        "04 010107 01 01 01 01 04 40420f 01 01 01 01 06 0361726d 01 02 03 01 01 02 3f 01 09 80bf03665f56 54ff"
         "00"
     )
     assert pack(SAMPLE_BODY) == bytes.fromhex(
-        "04 010207 01 01 01 01 04 50690f 01 01 01 01 08 9927 01 0201 da76 00"
+        "04 010207 01 01 01 01 04 50690f 01 01 01 01 08 d1b3 01 0201 f169 00"
     )
     for body in (DESCRIBED_BODY, SAMPLE_BODY, b"", bytes(300), bytes([1] * 252), bytes([1] * 600)):
         expected = cobs_by_blocks(body + crc_by_bits(body).to_bytes(2, "little")) + b"\0"
@@ -118,6 +118,6 @@ def test_the_decoder_reads_these_packets():
     decoder = Decoder()
     stream = pack(DESCRIBED_BODY) + pack(SAMPLE_BODY)
     described, sample = decoder.feed(stream, 5.0)
-    assert described.message.description == PAD and described.values is None
+    assert described.message.description == ARM and described.values is None
     assert sample.host_s == 5.0 and sample.values.tolist() == [128.0]
-    assert decoder.descriptions == {7: PAD}
+    assert decoder.descriptions == {7: ARM}

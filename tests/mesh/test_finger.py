@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from softfuse.errors import MeshError
-from softfuse.mesh.finger import FingerGeometry, finger_mesh, sized_finger_mesh
+from softfuse.mesh.block import block_mesh
+from softfuse.mesh.finger import FingerGeometry, finger_mesh
 from softfuse.mesh.orientation import check
 from softfuse.mesh.quality import mesh_quality
 from softfuse.mesh.surface import boundary_faces, cavities, centroid, enclosed_volume, outer_surface
@@ -38,7 +39,7 @@ def test_volume_and_cavities_are_exact(sizes: tuple[float, float, float]) -> Non
     check(mesh)
     beam, notches, holes = 120 * 20 * 20e-9, 3 * 12 * 20 * 5e-9, 6 * 8 * 6 * 10e-9
     assert volumes(mesh).sum() == pytest.approx(beam - notches - holes, rel=1e-12)
-    assert FINGER.volume() == pytest.approx(beam - notches - holes, rel=1e-12)
+    assert FINGER.block().volume() == pytest.approx(beam - notches - holes, rel=1e-12)
     assert enclosed_volume(mesh.nodes, outer_surface(mesh).faces) == pytest.approx(beam - notches, rel=1e-12)
     found = cavities(mesh, FINGER.centres())
     assert [1e9 * enclosed_volume(mesh.nodes, c.faces) for c in found] == pytest.approx(
@@ -176,7 +177,7 @@ def test_cavities_at_different_heights_and_necks_in_any_order() -> None:
 def test_a_wall_near_the_middle_of_a_neck_takes_its_plane() -> None:
     near = replace(FINGER, cavity_centres=((0.0341, 0.0, 0.0125),))
     mesh = meshed(SIZES[0], near)
-    assert volumes(mesh).sum() == pytest.approx(near.volume(), rel=1e-12)
+    assert volumes(mesh).sum() == pytest.approx(near.block().volume(), rel=1e-12)
     assert (np.abs(mesh.nodes[:, 0] - 0.0301) < 1e-9).any()
     assert not (np.abs(mesh.nodes[:, 0] - 0.03) < 1e-9).any()
 
@@ -193,7 +194,7 @@ def test_a_size_of_ones_own_refines_around_a_contact() -> None:
     def longest(corners: np.ndarray) -> np.ndarray:
         return 0.004 + np.linalg.norm(corners - [0.115, 0.01, 0.01], axis=2).min(axis=1)
 
-    mesh = sized_finger_mesh(FINGER, 0.012, longest)
+    mesh = block_mesh(FINGER.block(), 0.012, longest)
     check(mesh)
     assert (edge_lengths(mesh).max(axis=1) <= longest(mesh.nodes[mesh.tets]) * (1.0 + 1e-6)).all()
     assert len(mesh.nodes) < 1500

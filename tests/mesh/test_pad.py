@@ -8,10 +8,11 @@ import pytest
 
 from softfuse.errors import MeshError
 from softfuse.mesh.bisection import TaggedTets, bisected
+from softfuse.mesh.block import block_mesh
 from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.morph import moved_cavities, reshaped_cavities
 from softfuse.mesh.orientation import check, oriented
-from softfuse.mesh.pad import PadGeometry, pad_mesh, sized_pad_mesh
+from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.quality import mean_ratios
 from softfuse.mesh.surface import boundary_faces, cavities, centroid, enclosed_volume, outer_surface
 from softfuse.mesh.tetmesh import TetMesh, edge_lengths, quadratic, tet_mesh, volumes
@@ -30,7 +31,7 @@ def test_volume_and_cavities_are_exact(geometry: PadGeometry, sizes: tuple[float
     mesh = pad_mesh(geometry, sizes[0], sizes[1], fine_depth=sizes[2])
     check(mesh)
     assert volumes(mesh).sum() == pytest.approx(80 * 80 * 18e-9 - 4 * 28 * 28 * 6e-9, rel=1e-12)
-    assert geometry.volume() == pytest.approx(volumes(mesh).sum(), rel=1e-12)
+    assert geometry.block().volume() == pytest.approx(volumes(mesh).sum(), rel=1e-12)
     found = cavities(mesh, geometry.centres())
     assert [1e9 * enclosed_volume(mesh.nodes, c.faces) for c in found] == pytest.approx(
         [4704.0] * 4, rel=1e-12
@@ -154,7 +155,7 @@ def test_a_size_of_ones_own_refines_around_a_contact(geometry: PadGeometry) -> N
     def longest(corners: np.ndarray) -> np.ndarray:
         return 0.002 + np.linalg.norm(corners - [0.01, -0.006, 0.018], axis=2).min(axis=1)
 
-    mesh = sized_pad_mesh(geometry, 0.014, longest)
+    mesh = block_mesh(geometry.block(), 0.014, longest)
     check(mesh)
     assert (edge_lengths(mesh).max(axis=1) <= longest(mesh.nodes[mesh.tets]) * (1 + 1e-6)).all()
     assert len(mesh.nodes) < 1500
@@ -165,7 +166,7 @@ def test_a_pad_without_cavities_and_one_off_centre() -> None:
     assert volumes(pad_mesh(solid, 0.02, 0.02)).sum() == pytest.approx(0.06 * 0.04 * 0.02)
     one = replace(solid, cavity_centres=((0.011, -0.003),))
     mesh = pad_mesh(one, 0.02, 0.02)
-    assert volumes(mesh).sum() == pytest.approx(one.volume(), rel=1e-12)
+    assert volumes(mesh).sum() == pytest.approx(one.block().volume(), rel=1e-12)
     assert len(cavities(mesh, one.centres())) == 1
 
 
@@ -202,7 +203,7 @@ def test_cavities_move_and_the_mesh_follows(geometry: PadGeometry, pad: TetMesh,
         assert enclosed_volume(after.nodes, wall.faces) == pytest.approx(4704e-9, rel=1e-9)
     skin = outer_surface(before).faces
     np.testing.assert_allclose(after.nodes[skin], before.nodes[skin], atol=1e-15)
-    assert volumes(after).sum() == pytest.approx(geometry.volume(), rel=1e-9)
+    assert volumes(after).sum() == pytest.approx(geometry.block().volume(), rel=1e-9)
 
 
 def test_cavities_are_resized_about_their_middles(geometry: PadGeometry, pad: TetMesh) -> None:

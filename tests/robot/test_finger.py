@@ -91,7 +91,7 @@ def test_a_solid_finger_needs_no_cavities(write_finger: Write, finger_text: str)
         (
             'type = "finger"',
             'type = "thumb"',
-            'type: "thumb" is none of "pad", "layout", "finger", "surface", "mesh"',
+            'type: "thumb" is none of "pad", "finger", "surface", "mesh", "layout"',
         ),
     ],
 )

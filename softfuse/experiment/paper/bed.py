@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,7 +24,8 @@ from softfuse.experiment.pose_cache import Arrays, kept, settings_digest
 from softfuse.experiment.timeline import Timing, frames
 from softfuse.experiment.virtual_robot import MakingErrors, VirtualRobot, virtual_robot
 from softfuse.functional.workspace import FlatWorkspace
-from softfuse.robot.body import BlockSource, FingerSource
+from softfuse.mesh.body_source import BlockSource
+from softfuse.mesh.finger import FingerSource
 from softfuse.robot.digest import digest
 from softfuse.robot.settings import RobotSettings
 
@@ -75,9 +75,9 @@ def build_bed(settings: RobotSettings, *, grid: int, seed: int) -> Bed:
     Raises ConfigError when the body is neither, or nothing may press on it.
     """
     source = settings.body.source
-    if isinstance(source, FingerSource):
+    if source.type == "finger":
         return finger_bed(settings, source, TABLE_III, seed=seed)
-    if isinstance(source, BlockSource):
+    if source.type == "pad" or source.type == "layout":
         return _pad_bed(settings, source, grid, seed)
     raise ConfigError(
         f'{settings.path}: body.source.type: the paper has pads and a finger: "pad", "layout", "finger"'
@@ -88,7 +88,7 @@ def _pad_bed(settings: RobotSettings, source: BlockSource, grid: int, seed: int)
     surface, base, growth = _PAD_MESH
     length = max(source.size[:2])
     mesh = {"surface_size": surface * length, "base_size": base * length, "growth": growth, "fine_depth": 0.0}
-    robot = virtual_robot(_meshed(settings, mesh), MakingErrors(nodes=0, seed=seed))
+    robot = virtual_robot(settings.meshed(mesh), MakingErrors(nodes=0, seed=seed))
     contact = settings.contact()
     workspace = robot.made.workspaces[0]
     if not isinstance(workspace, FlatWorkspace):
@@ -123,7 +123,7 @@ def finger_bed(settings: RobotSettings, source: FingerSource, pushes: tuple[Push
     wall, base, growth = _FINGER_MESH
     neck = source.neck_height + rng.uniform(-_NECK, _NECK)
     mesh = {"wall_size": wall * length, "base_size": base * length, "growth": growth, "neck_height": neck}
-    robot = virtual_robot(_meshed(settings, mesh), MakingErrors(nodes=0, stiffness=0.0, seed=seed))
+    robot = virtual_robot(settings.meshed(mesh), MakingErrors(nodes=0, stiffness=0.0, seed=seed))
     middles = sorted({round(float(place[0, 0]), 9) for place in settings.places.values()})
     if not middles:
         raise ConfigError(f"{settings.path}: sensor: a finger is pushed where it has electrodes")
@@ -155,9 +155,3 @@ def finger_bed(settings: RobotSettings, source: FingerSource, pushes: tuple[Push
         ]
 
     return Bed(robot, names, 0, sum(equilibria(push, steps) for push in moved), seed, True, played)
-
-
-def _meshed(settings: RobotSettings, mesh: dict[str, Any]) -> RobotSettings:
-    """The settings with other keys of the body's source."""
-    source = settings.body.source.model_copy(update=mesh)
-    return settings.model_copy(update={"body": settings.body.model_copy(update={"source": source})})

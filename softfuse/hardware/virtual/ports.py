@@ -17,7 +17,7 @@ from softfuse.errors import HardwareError
 LOOPBACK = "127.0.0.1"
 _READ_SIZE = 4096
 _ROOM = 16384
-"""Bytes that the system may keep for a listener who is behind; a few seconds of a pad."""
+"""Bytes that the system may keep for a listener who is behind; a few seconds of a robot."""
 
 
 class AbstractOutlet(ABC):

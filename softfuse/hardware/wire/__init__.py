@@ -56,12 +56,12 @@ spaces at the ends, and none is `time_s`. The `layout` of a device is the CRC (a
 A channel that was not read, and a float that is not finite, is NaN on the host. A sample of a layout that the
 device has not described is counted and handed on as bytes: the host never guesses, it asks.
 
-**Example.** Device 7 named "pad" has the one channel "f_V" (u16, scale 0.5, offset -1). At 1 s, before its
-first sample, it describes itself, and at 1.01 s it reads 258, that is 128 V. The layout is 0x2799, and on
+**Example.** Device 7 named "arm" has the one channel "f_V" (u16, scale 0.5, offset -1). At 1 s, before its
+first sample, it describes itself, and at 1.01 s it reads 258, that is 128 V. The layout is 0xb3d1, and on
 the line are
 
-    04 01 01 07 01 01 01 01 04 40 42 0f 01 01 01 01 06 03 70 61 64 01 02 03
-    01 01 02 3f 01 09 80 bf 03 66 5f 56 1c 6b 00
+    04 01 01 07 01 01 01 01 04 40 42 0f 01 01 01 01 06 03 61 72 6d 01 02 03
+    01 01 02 3f 01 09 80 bf 03 66 5f 56 54 ff 00
 
-    04 01 02 07 01 01 01 01 04 50 69 0f 01 01 01 01 08 99 27 01 02 01 da 76 00
+    04 01 02 07 01 01 01 01 04 50 69 0f 01 01 01 01 08 d1 b3 01 02 01 f1 69 00
 """

@@ -23,8 +23,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.errors import SoftfuseError
+from softfuse.mesh.block import Block
 from softfuse.robot.layout.cavity_shape import CavityShape
-from softfuse.robot.layout.outline import Outline
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +45,11 @@ class Parameter:
 
 
 class AbstractLayout(eqx.Module):
-    """Cavities of the kinds `shapes` in an `outline`, with parameters (p,) that are told by name, unit and
-    bounds.
+    """Cavities of the kinds `shapes` in an `outline`, a block whose own ones do not count, with parameters
+    (p,) that are told by name, unit and bounds.
     """
 
-    outline: eqx.AbstractVar[Outline]
+    outline: eqx.AbstractVar[Block]
     shapes: eqx.AbstractVar[tuple[CavityShape, ...]]
     parameters: eqx.AbstractVar[tuple[Parameter, ...]]
 
@@ -97,7 +97,7 @@ class TiedLayout(AbstractLayout):
     cavity after the other, at θ₀, `ties` (V, p) what each parameter adds.
     """
 
-    outline: Outline = eqx.field(static=True)
+    outline: Block = eqx.field(static=True)
     shapes: tuple[CavityShape, ...]
     parameters: tuple[Parameter, ...] = eqx.field(static=True)
     drawn: Float[Array, " V"]
@@ -106,7 +106,7 @@ class TiedLayout(AbstractLayout):
     @classmethod
     def of(
         cls,
-        outline: Outline,
+        outline: Block,
         cavities: Sequence[tuple[CavityShape, Mapping[str, float]]],
         parameters: Sequence[Parameter],
     ) -> "TiedLayout":

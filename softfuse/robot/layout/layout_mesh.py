@@ -19,8 +19,8 @@ Faces of boxes that look the same way and lie nearly in a plane are put into one
 arise between them: the boxes are only where the mesh comes from.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -29,7 +29,7 @@ from jaxtyping import Array, Float, Int
 
 from softfuse.errors import MeshError
 from softfuse.functional.cavity import Cavity
-from softfuse.mesh.block import block_mesh
+from softfuse.mesh.block import Fineness, block_mesh
 from softfuse.mesh.morph import harmonic_extension
 from softfuse.mesh.quality import curved_mean_ratios
 from softfuse.mesh.subdivision import subdivided
@@ -66,16 +66,6 @@ _GROWTHS = 2
 
 _TRIAL_M = 1e-5
 """By how much they are grown to see what that does."""
-
-
-@dataclass(frozen=True, eq=False)
-class Fineness:
-    """Edges of the mesh: grid boxes of at most `base_size` m, then cut until no edge is longer than
-    `longest(corners (m, 4, 3) m)` (m,) in m allows, see `finer_to_the_top`.
-    """
-
-    base_size: float
-    longest: Callable[[np.ndarray], np.ndarray]
 
 
 class LayoutMesh(eqx.Module):
@@ -139,7 +129,7 @@ def layout_mesh(
     turned or shaped so unlike boxes that tetrahedra turn inside out.
     """
     boxes = _aligned(_boxes(layout, jnp.asarray(theta)), _ONE_PLANE * fineness.base_size)
-    straight = block_mesh(layout.outline.around(boxes), fineness.base_size, fineness.longest)
+    straight = block_mesh(replace(layout.outline, cavities=boxes), fineness.base_size, fineness.longest)
     mesh = quadratic(straight)
     return _made(layout, jnp.asarray(theta), boxes, mesh, cavities(mesh, boxes.mean(axis=1)))
 

@@ -20,11 +20,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from softfuse.mesh.block import NORMALS, SIDES
 from softfuse.robot.layout.cavity_shape import CavityShape, rotation
 from softfuse.robot.layout.cube_sphere import cube_sphere
 from softfuse.robot.layout.direction_search import greatest, polished
 from softfuse.robot.layout.layout import AbstractLayout
-from softfuse.robot.layout.outline import NORMALS, SIDES
 
 Reach = Callable[[Float[Array, "m 3"]], Float[Array, " m"]]
 """How far (m,) [m] a body reaches along unit vectors (m, 3)."""

@@ -167,7 +167,7 @@ def array_response(
     radius_m: Float[Array, ""],
     depth_m: Float[Array, " e"],
 ) -> Float[Array, " e"]:
-    """Response of all lines, rows first, to a grounded cylinder standing on the pad.
+    """Response of all lines, rows first, to a grounded cylinder standing on the body.
 
     Args: location_m (2,) x, y of the cylinder's axis [m]; radius_m [m]; depth_m (e,) of the lines below the
     cylinder's bottom [m].

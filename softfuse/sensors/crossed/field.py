@@ -7,7 +7,7 @@ conductors,
     | E   C | | q_e |   | 1 |
     | Cᵀ  T | | q_t | = | 0 |,
 
-and a line's capacitance is the charge on it. The cylinder stands upright, at a gap above the pad or pressed
+and a line's capacitance is the charge on it. The cylinder stands upright, at a gap above the body or pressed
 into it; what then counts is where the electrodes are under it. This is independent of
 `crossed.diamond_array`, which takes the charge under a plane's edge for that under a cylinder's. Not
 modelled: wires, the table below, the change of permittivity from silicone to air. Source: Harrington, Field
@@ -68,7 +68,7 @@ class FieldSettings:
 
 @dataclass(frozen=True, eq=False)
 class Panels:
-    """Squares: middles (m, 3) m, z from the pad's top; sides (m,) m; number (m,) of the line of each."""
+    """Squares: middles (m, 3) m, z from the body's top; sides (m,) m; number (m,) of the line of each."""
 
     middle: Float[np.ndarray, "m 3"]
     side: Float[np.ndarray, " m"]
@@ -96,7 +96,7 @@ class ArrayField:
         """Squares and inverse of the electrodes' potentials; some thousand squares take seconds."""
         self._settings = settings
         self.panels = line_panels(lines, settings.cuts)
-        """The squares of the lines on the pad at rest."""
+        """The squares of the lines on the body at rest."""
         middle, side = self.panels.middle, self.panels.side
         own = square_potential(_turned(middle[:, None] - middle[None]), side[None], settings.permittivity)
         self._inverse = np.linalg.inv(0.5 * (own + own.T))
@@ -114,7 +114,7 @@ class ArrayField:
     ) -> Float[np.ndarray, " e"]:
         """Capacitance (e,) F of each line, rows first, under the cylinder.
 
-        at: x, y of its axis, bottom: z of its bottom, from the pad's top at rest, in m; electrodes (m, 3) m:
+        at: x, y of its axis, bottom: z of its bottom, from the body's top at rest, in m; electrodes (m, 3) m:
         where the panels' middles are, by default as at rest.
         """
         permittivity = self._settings.permittivity

@@ -35,7 +35,7 @@ SHAPE = np.array([0, 1, 6, 7])
 """x, y, R, g among the unknowns."""
 UNKNOWNS = 8
 _LEAST_DEPTH = 0.3
-"""Of the electrode's own depth: a negative gap means a dented pad, not a pierced one."""
+"""Of the electrode's own depth: a negative gap means a dented body, not a pierced one."""
 _WEAK_PRIOR = 1e-2
 
 
@@ -48,9 +48,9 @@ class PeakModel(eqx.Module):
     column_x_m: Float[Array, " c"]
     """(c,) x of the columns' centre lines [m], ascending."""
     row_depth_m: Float[Array, ""]
-    """Depth of the rows below the pad's top [m]."""
+    """Depth of the rows below the body's top [m]."""
     column_depth_m: Float[Array, ""]
-    """Depth of the columns below the pad's top [m]."""
+    """Depth of the columns below the body's top [m]."""
     row_rim_m: Float[Array, ""]
     """Width beyond the rim whose flux the outermost rows share [m]."""
     column_rim_m: Float[Array, ""]
@@ -96,7 +96,7 @@ class PeakShape(eqx.Module):
 
     points: ArrayPoints
     depth_m: Float[Array, " e"]
-    """(r + c,) of the electrodes below the pad's top [m]."""
+    """(r + c,) of the electrodes below the body's top [m]."""
 
     def __call__(self, q: Float[Array, "4"]) -> Float[Array, " e"]:
         """The response, dimensionless."""

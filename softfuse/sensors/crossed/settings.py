@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Annotated, Literal, Self
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -21,15 +22,16 @@ from softfuse.io.quantity import (
     PositiveNumber,
     wrong_value,
 )
-from softfuse.io.settings import Positions, Settings
+from softfuse.io.settings import Settings
 from softfuse.sensors.base import Gains
-from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray, CountsSettings
+from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray, ElectrodeLinesSettings
 from softfuse.sensors.crossed.field import ArrayField, CrossedLines, FieldSettings
 from softfuse.sensors.crossed.peak_model import PeakModel
 from softfuse.sensors.crossed.sensor import ArrayPose, CrossedElectrodes
 from softfuse.sensors.crossed.touch import TouchDetector
 from softfuse.sensors.parameters import parameters
 from softfuse.sensors.parts import Parts, TrueContact
+from softfuse.sensors.place_information import charge_of, place_told_by_lines
 
 Fraction = Annotated[Number, Gt(0), Lt(1)]
 
@@ -101,18 +103,15 @@ class PoseSettings(Settings):
         return parameters(ArrayPose, self)
 
 
-class CrossedSettings(CountsSettings):
-    """A single-ended array of crossed lines of diamonds under the flat face on which a [[contact]] presses.
+class CrossedSettings(ElectrodeLinesSettings):
+    """A single-ended array of crossed lines of diamonds, at depths below the surface, in m.
 
-    row_y, column_x: their centre lines in the chart of the contact, and depths below the surface, in m.
     channels: columns of a recording, rows first. row_gain, column_gain [-]: counts of a line for what a
     nominal one says with one, one value or one for each. row_baseline, column_baseline: counts of each line
     untouched, for a start while something touches.
     """
 
     type: Literal["crossed-diamonds"] = "crossed-diamonds"
-    row_y: Positions
-    column_x: Positions
     row_depth: PositiveLength
     column_depth: PositiveLength
     row_gain: Gains = (1.0,)
@@ -173,6 +172,17 @@ class CrossedSettings(CountsSettings):
             column_rim_m=max(-gap, 0.0),
             radius_m=radius_m,
         )
+
+    def place_information(self, radius_m):
+        """Of contacts as strong as make it tell contact (contact_on_counts)."""
+        peak = self.peak_model(radius_m)
+        charge = charge_of(peak, self.touch.contact_on_counts)
+
+        def told(columns, rows, places):
+            moved = eqx.tree_at(lambda m: (m.column_x_m, m.row_y_m), peak, (columns, rows))
+            return place_told_by_lines(moved, charge, places)
+
+        return told
 
     def sensor(self, parts):
         """Raises ConfigError for a contact that there is not, or that presses on no flat face."""

@@ -1,6 +1,6 @@
 """Touch decision from the capacitive signals, with hysteresis and debouncing; tells proximity from contact.
 
-The strength m = max(row signals) + max(column signals) [counts] hardly depends on where the pad is touched.
+The strength m = max(row signals) + max(column signals) [counts] hardly depends on where the array is touched.
 
 * near: m above `near_on_sigma` (below `near_off_sigma`: no longer) standard deviations of the noise.
 * touching: m above `contact_on_counts` for `on_frames` frames; or near while gas moves, for

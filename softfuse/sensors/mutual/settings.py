@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Literal, Self
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 from pydantic import model_validator
@@ -15,8 +16,8 @@ from softfuse.io.quantity import (
     PositiveTime,
     wrong_value,
 )
-from softfuse.io.settings import Positions, Settings
-from softfuse.sensors.capacitive import BaselineTimes, CountsSettings
+from softfuse.io.settings import Settings
+from softfuse.sensors.capacitive import BaselineTimes, ElectrodeLinesSettings
 from softfuse.sensors.mutual.field import MutualField, Thing
 from softfuse.sensors.mutual.fit import Splitting
 from softfuse.sensors.mutual.model import MutualModel, mean_pitch
@@ -24,6 +25,7 @@ from softfuse.sensors.mutual.sensor import MutualElectrodes
 from softfuse.sensors.mutual.touch_tracks import MOST_TRACKS, TouchFollower
 from softfuse.sensors.parameters import parameters
 from softfuse.sensors.parts import TrueContact
+from softfuse.sensors.place_information import place_told_by_grid
 
 # Of virtual cells: counts at rest and by how much they differ, spread of gains, drift of all and of each
 # after one second, and over which time no further.
@@ -102,16 +104,14 @@ class MutualTouchSettings(Settings):
         return self
 
 
-class MutualSettings(CountsSettings):
-    """A grid of 4 × 4 mutual capacitances where rows cross columns, under the flat face of a [[contact]].
+class MutualSettings(ElectrodeLinesSettings):
+    """A grid of 4 × 4 mutual capacitances where rows cross columns.
 
-    row_y, column_x: their centre lines in the chart of the contact in m; channels: one column per cell, row
-    by row, in each row along x. touches: things followed at once, near ones too.
+    channels: one column per cell, row by row, in each row along x. touches: things followed at once, near
+    ones too.
     """
 
     type: Literal["mutual-4x4"] = "mutual-4x4"
-    row_y: Positions
-    column_x: Positions
     touches: PositiveInteger = 4
     baseline: BaselineTimes = BaselineTimes()
     shape: MutualShapeSettings = MutualShapeSettings()
@@ -139,6 +139,20 @@ class MutualSettings(CountsSettings):
         shape = self.shape
         gain = np.ones((4, 4)) if shape.gain is None else np.reshape(shape.gain, (4, 4)).T
         return parameters(MutualModel, self, shape, half_width_m=0.5 * self.electrode_width_m, gain=gain)
+
+    def place_information(self, radius_m):
+        """Of firm contacts (firm_on), whatever their radius."""
+        del radius_m
+        grid = self.model()
+
+        def told(columns, rows, places):
+            moved = eqx.tree_at(lambda m: (m.column_x_m, m.row_y_m), grid, (columns, rows))
+            # Lines as wide as their pitch stay so.
+            width = moved.half_width_m if self.shape.electrode_width else 0.5 * moved.pitch_m
+            moved = eqx.tree_at(lambda m: m.half_width_m, moved, width)
+            return place_told_by_grid(moved, self.touch.firm_on, places)
+
+        return told
 
     def sensor(self, parts):
         """Raises ConfigError for a contact that there is not, that presses on no flat face, or in too many

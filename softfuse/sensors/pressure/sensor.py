@@ -7,7 +7,7 @@ a digital one (`settings`). Parts are some per cent of full scale off, so every 
 [Pa] is positive in a squeezed chamber. Escaping gas is looked for by leak.py.
 
 Which part: one that reads from 0 up (over the atmosphere, or between its ports) says nothing of a stretched
-chamber, and a bent finger stretches half of its chambers: these are then out of range, not at zero.
+chamber, and a bent body stretches half of its chambers: these are then out of range, not at zero.
 
 Touch is recognised some frames late, so the tare and the leak test run `lag` frames behind and use a frame
 only if the body has rested until now; and only when it has rested for `hold_off_s`, since gas that was

@@ -71,6 +71,7 @@ class PressureSettings(PartSettings):
     """
 
     known_parts: ClassVar = PRESSURE_PARTS
+    quantity: ClassVar = "pressure"
 
     type: Literal["pressure"] = "pressure"
     range: Annotated[tuple[Pressure, Pressure], AfterValidator(_ascending)]
