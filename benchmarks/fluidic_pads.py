@@ -33,11 +33,12 @@ from scipy.interpolate import PchipInterpolator, RegularGridInterpolator
 from scipy.optimize import brentq, least_squares
 
 import softfuse as sf
+from softfuse.mesh.block import Fineness, whole_block
 from softfuse.mesh.files import write_mesh
 from softfuse.robot.file import parse
 from softfuse.robot.layout.cavity_shape import CavityShape
-from softfuse.robot.layout.layout_drawing import LayoutDrawing
-from softfuse.robot.layout.layout_mesh import Fineness, layout_mesh
+from softfuse.robot.layout.layout import TiedLayout
+from softfuse.robot.layout.layout_source import drawn_mesh
 from softfuse.robot.layout.profile import RoundedBox
 
 MM, KPA = 1e-3, 1e3
@@ -142,7 +143,6 @@ def mesh(diameter: float, thickness: float, at: float, path: Path) -> None:
     values = dict.fromkeys(shape.names, 0.0)
     own = (0.0, 0.0, 0.5 * thickness, 0.5 * CHANNEL, half, half, 0.0, 0.0, 0.0, 0.999 * half)
     values.update(zip(shape.names, own, strict=True))
-    drawing = LayoutDrawing((LENGTH, WIDTH, thickness), ((shape, tuple(values.values())),))
     low, high = 0.5 * thickness - half, thickness
 
     def longest(corners: np.ndarray) -> np.ndarray:
@@ -153,9 +153,8 @@ def mesh(diameter: float, thickness: float, at: float, path: Path) -> None:
         away = np.linalg.norm(middle - near, axis=1)
         return FINE_M + GROWTH * np.maximum(away - CLOSE_M, 0.0)
 
-    layout = drawing.layout()
-    made = layout_mesh(layout, layout.start, Fineness(BASE_M, longest))
-    write_mesh(path, made.mesh(layout.start))
+    layout = TiedLayout.of(whole_block((LENGTH, WIDTH, thickness)), [(shape, values)], ())
+    write_mesh(path, drawn_mesh(layout, Fineness(BASE_M, longest)))
 
 
 def answers(diameter: float, thickness: float, at: float) -> np.ndarray:
