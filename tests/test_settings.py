@@ -65,9 +65,34 @@ def read_names(tree: ast.AST) -> set[str]:
     return names
 
 
+def filled(trees: list[ast.Module]) -> dict[str, str]:
+    """Keys that `sensors.parameters` reads for a parameter, which has the key's name and perhaps its unit."""
+    nodes = [node for tree in trees for node in ast.walk(tree)]
+    kinds = {
+        node.args[0].id
+        for node in nodes
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and node.func.id == "parameters"
+        and isinstance(node.args[0], ast.Name)
+    }
+    keys = {}
+    for node in nodes:
+        if isinstance(node, ast.ClassDef) and node.name in kinds:
+            for line in node.body:
+                if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name):
+                    key = line.target.id
+                    while key:
+                        keys[key] = line.target.id
+                        key = key.rpartition("_")[0]
+    return keys
+
+
 @pytest.fixture(scope="module")
 def read() -> set[str]:
-    return set().union(*(read_names(ast.parse(path.read_text())) for path in PACKAGE.rglob("*.py")))
+    trees = [ast.parse(path.read_text()) for path in PACKAGE.rglob("*.py")]
+    names = set().union(*map(read_names, trees))
+    return names | {key for key, parameter in filled(trees).items() if parameter in names}
 
 
 def test_every_key_is_read(read: set[str]) -> None:
