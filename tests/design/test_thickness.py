@@ -41,6 +41,7 @@ def layout_of(*cavities) -> TiedLayout:
     return TiedLayout.of(OUTLINE, cavities, free)
 
 
+@pytest.mark.slow
 def test_walls_of_balls_and_faces_are_exact() -> None:
     other = shape(Superellipsoid(), (0.005, 0.004, 0.012), (0.002, 0.002, 0.002), (0.3, 0.2, 0.1), (1.0,))
     layout = layout_of(BALL, other)
