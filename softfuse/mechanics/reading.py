@@ -57,6 +57,11 @@ class AbstractReading(eqx.Module):
         """The actuators' drive (count,) that each number answers; -1 for those that answer none."""
         return (-1,) * self.count
 
+    @property
+    def single(self) -> "tuple[AbstractReading, ...]":
+        """It, or those that are joined in it, one by one."""
+        return (self,)
+
     @abstractmethod
     def of(self, at: Equilibrium) -> Float[Array, " count"]:
         """The numbers (count,) in SI units, 0 at rest."""
@@ -151,6 +156,11 @@ class JointReading(AbstractReading):
     def answered(self):
         """Those of all."""
         return tuple(number for part in self.parts for number in part.answered)
+
+    @property
+    def single(self):
+        """Those of all."""
+        return tuple(each for part in self.parts for each in part.single)
 
     def of(self, at):
         """All numbers."""

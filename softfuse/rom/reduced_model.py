@@ -55,12 +55,12 @@ def reduced_model(
 def volume_readings(
     readings: Sequence[AbstractReading],
 ) -> Iterator[tuple[list[Cavity], AbstractReading]]:
-    """Readings one after the other, with those of volumes that follow each other as one: the cavities, of
-    others none, and the (first) reading.
+    """Readings one by one, also those that are joined, with those of volumes that follow each other as one:
+    the cavities, of others none, and the (first) reading.
     """
     cavities: list[Cavity] = []
     first: AbstractReading | None = None
-    for reading in readings:
+    for reading in (one for joined in readings for one in joined.single):
         if isinstance(reading, ShapeReading) and isinstance(reading.functional, Cavity):
             cavities.append(reading.functional)
             first = first or reading
