@@ -99,6 +99,7 @@ def test_it_has_the_parameters_of_a_finger(adjustable: Adjustable) -> None:
     assert "place on base palm in press 0" not in names and "layer" not in names
 
 
+@pytest.mark.slow
 def test_slopes_are_those_of_differences(adjustable: Adjustable, applied: Applied, made: np.ndarray) -> None:
     one = Applied(*(getattr(applied, name)[-1:] for name in ("place", "force_N", "prescribed", "press")))
     slope = adjustable.answer(made, one).slope[0]

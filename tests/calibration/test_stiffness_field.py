@@ -37,6 +37,7 @@ def read(device: Model) -> Callable[..., tuple[jax.Array, RESULTS]]:
     return jax.jit(read)
 
 
+@pytest.mark.slow
 def test_volumes_differentiate_in_every_coefficient(read) -> None:
     slopes = jax.jit(jax.jacrev(lambda c: read(c)[0]))(jnp.asarray(MADE))
     h = 1e-4

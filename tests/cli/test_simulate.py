@@ -94,6 +94,7 @@ def test_nothing_but_gravity_needs_no_contact(robot: Robot) -> None:
     assert len(trial.drive) == len(robot.addresses.drives)
 
 
+@pytest.mark.slow
 def test_a_search_that_fails_says_how_far_it_came_and_keeps_that_state(
     code_of: Callable[..., int], capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

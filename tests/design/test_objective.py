@@ -124,6 +124,7 @@ def test_every_measure_has_the_gradient_of_re_solves_in_every_parameter(problem,
         assert np.all(off <= 1e-4 * np.abs(difference) + 1e-7 * size), (twins.names[k], off, difference)
 
 
+@pytest.mark.slow
 def test_across_a_mesh_of_the_same_tetrahedra_measures_hardly_jump(problem, twins) -> None:
     theta = twins.start + 0.7 * twins.scale * np.cos(2.0 + np.arange(len(twins.names)))
     plain = replace(problem, by_place=False, limits=(Limit(Sensitivity()), Limit(Softness())))

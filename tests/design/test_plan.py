@@ -225,6 +225,7 @@ def test_limits_are_parts_of_the_devices_own_or_stand_by_themselves(changed) -> 
     assert strain.measure(own) == pytest.approx(0.4)
 
 
+@pytest.mark.slow
 def test_guides_follow_parameters_into_device_and_config(tmp_path) -> None:
     plan = load_design(FINGER)
     config = load(plan.device)
@@ -329,6 +330,7 @@ def test_sensors_whose_noise_a_plan_does_not_say_are_told() -> None:
         build_problem(plan, other)
 
 
+@pytest.mark.slow
 def test_a_plan_may_draw_another_number_of_cavities(changed, tmp_path) -> None:
     text = PAD.read_text(encoding="utf-8")
     cavity = text[text.index('[[cavity]]\nname = "outer right"') : text.index("# What may change")]

@@ -55,6 +55,7 @@ def test_what_was_not_taught_is_that_of_the_full_finger(linear_finger: Callable[
         np.testing.assert_allclose(nearly_pressures, pressures, atol=0.05 * np.ptp(pressures))
 
 
+@pytest.mark.slow
 def test_charts_are_good_for_pushes_that_move_the_finger_so_far(linear_finger: Callable[..., Path]) -> None:
     robot = build_robot(load(linear_finger(('travel = "50 mm"', 'travel = "1 mm"'))))
     device, places = robot.model, robot.settings.places

@@ -23,6 +23,7 @@ def device(coarse) -> Model:
     return build_robot(load(coarse)).model
 
 
+@pytest.mark.slow
 def test_it_is_the_compliance_at_rest(device) -> None:
     answer = rest_response(device, PLACES)
     for k, place in enumerate(PLACES):
@@ -30,6 +31,7 @@ def test_it_is_the_compliance_at_rest(device) -> None:
         np.testing.assert_allclose(answer.by_force[k], slope, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_depth_and_motion_are_those_of_a_small_press(device) -> None:
     answer = rest_response(device, PLACES[:1])
     state = simulate(device, PLACES[:1], jnp.array([SMALL_N])).state
@@ -39,6 +41,7 @@ def test_depth_and_motion_are_those_of_a_small_press(device) -> None:
     np.testing.assert_allclose(answer.motion[0], moved, rtol=0, atol=1e-3 * size)
 
 
+@pytest.mark.slow
 def test_it_has_the_derivatives_in_rest_nodes_and_materials(device) -> None:
     rng = np.random.default_rng(0)
     # The top stays flat: a rigid disc on an uneven one would rest on single cells.

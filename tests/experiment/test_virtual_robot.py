@@ -93,6 +93,7 @@ def test_mirrored_presses_give_mirrored_readings(block: VirtualRobot) -> None:
     assert right[-1, 1] < -30e-9 and abs(right[-1, 0]) < -0.1 * right[-1, 1]
 
 
+@pytest.mark.slow
 def test_actuators_are_driven_and_hold_while_something_presses(beam: VirtualRobot) -> None:
     place = beam.made.workspaces[0].places[0]
     episode = Episode((Touch("hand", place_of(place), (0.3,)),), (("palm", 2e-3), ("bladder", 5e3)))

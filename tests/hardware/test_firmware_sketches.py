@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from softfuse.hardware.wire.message import (
     pack,
 )
 from softfuse.hardware.wire.sequence import Arrival, SequenceWatch
+from softfuse.robot.file import load
 
 ROOT = Path(__file__).parents[2]
 FIRMWARE = ROOT / "scripts" / "firmware"
@@ -73,20 +73,16 @@ def samples_of(received: list[Received]) -> tuple[list[SampleMessage], np.ndarra
 
 
 def channels_of(sketch: str) -> list[str]:
-    """The channels of the configuration that the device has, in its order."""
-    with (ROOT / "configs" / f"{sketch}.toml").open("rb") as file:
-        sensors = tomllib.load(file)["sensors"]
-    if sketch == "pad":
-        array = sensors["capacitive"]
-        return [*array["row_channels"], *array["column_channels"], *sensors["flow"]["channels"]]
-    return [*sensors["electrodes"]["channels"], *sensors["pressure"]["channels"]]
+    """The channels of the configuration that the board has, in its order: those of electrodes first."""
+    first, then = {"pad": ("crossed-diamonds", "flow"), "finger": ("electrodes", "pressure")}[sketch]
+    sensors = {each.type: each for each in load(ROOT / "configs" / f"{sketch}.toml").sensors}
+    return [*sensors[first].columns, *sensors[then].columns]
 
 
 def test_channels_are_those_of_the_configuration(sketch, run):
     decoder, received = run(0.5)
     (description,) = decoder.descriptions.values()
-    with (ROOT / "configs" / f"{sketch}.toml").open("rb") as file:
-        assert description.name == tomllib.load(file)["robot"]["name"]
+    assert description.name == load(ROOT / "configs" / f"{sketch}.toml").robot.name
     assert list(description.names) == channels_of(sketch)
     assert isinstance(received[0].message, DescriptionMessage)
     assert decoder.counts.line.crc_failures + decoder.counts.line.cobs_failures == 1  # the bootloader

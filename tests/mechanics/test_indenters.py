@@ -238,6 +238,7 @@ def test_patches_stand_along_the_first_tangent(block) -> None:
     assert patches.drives == load.sizes.drives == 2
 
 
+@pytest.mark.slow
 def test_a_sphere_sinks_deep_into_a_body(box) -> None:
     """Half a radius deep, where cells slide and forces turn: no cell is inside the sphere, none pulls, and
     the force that it takes drives it as deep again.

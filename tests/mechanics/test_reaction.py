@@ -84,6 +84,7 @@ def _solved(body: Body, loads: Loads, drive: list[float]) -> State:
     return found.state
 
 
+@pytest.mark.slow
 def test_support_is_what_the_elements_pass_on(finger) -> None:
     """Under gravity, a punch, a sphere, patches, a cable and gas, none of which pushes a held node."""
     body, void, faces = finger
