@@ -2,7 +2,7 @@
 
     .venv/bin/python benchmarks/design_search.py [PLAN] [--coarser TIMES] [--most N] [--seed N]
 
-PLAN is a design task, configs/design_pad.toml if none is given; its device's mesh has edges that are so many
+PLAN is a design task, configs/design_pad.toml if none is given; its robot's mesh has edges that are so many
 times longer (1.6), so that thousands of solves are affordable, and stays the same for all: layouts in which
 it is worn are refused to each. All begin with the cavities as drawn, may move as far as a search does on one
 mesh and keep the same walls and limits: the first two by SLSQP, CMA-ES by an augmented Lagrangian (pycma). A
@@ -164,7 +164,7 @@ def main() -> None:
     given = parser.parse_args()
     prepare_jax()
     plan = load_design(given.plan)
-    config = load(plan.device).finer(1.0 / given.coarser)
+    config = load(plan.robot).finer(1.0 / given.coarser)
     problem = build_problem(plan, config)
     own = build_mesh(config)
     answers = problem.answered(build_robot(config, own).model, own.cavities, problem.layout.start)

@@ -27,13 +27,13 @@ from softfuse.robot.robot import build_robot
 DATA = CONFIG.parents[1] / "tests" / "data"
 
 
-def errors(device, cases: list[dict[str, Any]]) -> list[float]:
+def errors(model, cases: list[dict[str, Any]]) -> list[float]:
     """Largest relative errors in percent."""
     solve = eqx.filter_jit(lambda d, at, f: d.reading(simulate(d, at, f).state))
     found = []
     for case in cases:
         cells = {"punch": flat_punch, "uniform": uniform}[case["contact"]]()
-        pressed = eqx.tree_at(lambda d: d.contacts[0].cells, device, cells)
+        pressed = eqx.tree_at(lambda d: d.contacts[0].cells, model, cells)
         at = facing(1e-3 * np.array([[*case["at"], 0.0]]), (0, 0, -1))
         change = 1e9 * np.asarray(solve(pressed, at, jnp.array([case["force_N"]])))
         true = np.array(case["volume_change_mm3"])
@@ -80,13 +80,13 @@ def main() -> None:
     ]
     rows = []
     for config in configs:
-        device = build_robot(config).model
-        row: dict[str, Any] = {"nodes": device.body.n_nodes, "dof": device.body.n}
+        model = build_robot(config).model
+        row: dict[str, Any] = {"nodes": model.body.n_nodes, "dof": model.body.n}
         for source, cases in (("reference", reference), ("converged", converged)):
             kept = ("contact", "at", "force_N")
             row[source] = [
                 {"case": k, "error": error} | {key: case[key] for key in kept}
-                for k, (case, error) in enumerate(zip(cases, errors(device, cases), strict=True))
+                for k, (case, error) in enumerate(zip(cases, errors(model, cases), strict=True))
             ]
         rows.append(row)
         for source in ("reference", "converged"):

@@ -29,9 +29,9 @@ from softfuse.mechanics.reading import ShapeReading
 _CLOSE = 1e-9  # m, as ours
 
 
-def shared_force(device: Model, nodes: Int[np.ndarray, " p"]) -> Model:
-    """The device pushed down by a force that nodes (p,) share equally."""
-    return replace(device, contacts=(SharedForce(jnp.asarray(nodes, jnp.int32)),))
+def shared_force(model: Model, nodes: Int[np.ndarray, " p"]) -> Model:
+    """The robot pushed down by a force that nodes (p,) share equally."""
+    return replace(model, contacts=(SharedForce(jnp.asarray(nodes, jnp.int32)),))
 
 
 _residual = eqx.filter_jit(lambda body, z: body.residual(z))
@@ -111,11 +111,11 @@ class Drives(NamedTuple):
 class PaperStep:
     """One force from the volumes of cavities, a step with a new factor for each frame."""
 
-    def __init__(self, device: Model):
-        shapes = [reading.functional for reading in device.readings if isinstance(reading, ShapeReading)]
-        self._body, cavities = device.body, [each for each in shapes if isinstance(each, Cavity)]
-        assert isinstance(self._body, Body) and len(cavities) == len(device.readings)
-        loads = device.loads(NOWHERE)
+    def __init__(self, model: Model):
+        shapes = [reading.functional for reading in model.readings if isinstance(reading, ShapeReading)]
+        self._body, cavities = model.body, [each for each in shapes if isinstance(each, Cavity)]
+        assert isinstance(self._body, Body) and len(cavities) == len(model.readings)
+        loads = model.loads(NOWHERE)
         self._rows = np.asarray(loads.rows(self._body, jnp.zeros(self._body.n)))
         self._tangent = SparseTangent(self._body)
 

@@ -33,7 +33,7 @@ from softfuse.robot.reduced import Teacher, build_regions, reduction_mark
 from softfuse.robot.robot import Robot, build_robot
 from softfuse.rom.basis import rest_stiffness
 from softfuse.rom.reduced_model import reduced_model
-from softfuse.rom.rom_file import AtlasFolder, Kept, kept_sizes, read_device
+from softfuse.rom.rom_file import AtlasFolder, Kept, kept_sizes, read_model
 
 PER_LOAD, SOLVED_EVERY = 2000, 50
 SIGMA_M, SIGMA_PA = 5e-5, 10.0
@@ -49,26 +49,26 @@ def taught(teacher: Teacher, electrode: int, folder: Path) -> tuple[Kept, float]
     """The chart of an electrode, read from a folder where it is made if it is not there; and the seconds that
     took.
     """
-    device = teacher.device
+    model = teacher.model
     charts, began = AtlasFolder(folder, reduction_mark(teacher.config)), time.perf_counter()
     if not charts.has(electrode):
         chart = teacher.chart(electrode)
         charts.write(
             electrode,
-            reduced_model(device, teacher.stiffness, chart, places_of(teacher.robot)),
+            reduced_model(model, teacher.stiffness, chart, places_of(teacher.robot)),
             chart.basis,
         )
     taken = time.perf_counter() - began
     file = charts.file(electrode)
-    return read_device(file, charts.mark, device, kept_sizes(file, charts.mark)), taken
+    return read_model(file, charts.mark, model, kept_sizes(file, charts.mark)), taken
 
 
 def drives(teacher: Teacher, electrode: int, largest_force: float, cases: int) -> np.ndarray:
     """Random drives (c, D) of all patches, up to a force [N] in all, and of the cable."""
-    random, device, tension = np.random.default_rng(11), teacher.device, teacher.config.reduction.tension
-    patches, place = device.contacts[0].drives, places_of(teacher.robot)[[electrode]]
+    random, model, tension = np.random.default_rng(11), teacher.model, teacher.config.reduction.tension
+    patches, place = model.contacts[0].drives, places_of(teacher.robot)[[electrode]]
     assert tension is not None
-    found = np.tile(np.asarray(device.rest_state(place).drive), (cases, 1))
+    found = np.tile(np.asarray(model.rest_state(place).drive), (cases, 1))
     share = random.dirichlet(np.ones(patches), cases)
     found[:, :patches] = share * random.uniform(0, largest_force, (cases, 1))
     found[:, patches] = random.uniform(0, tension, cases)
@@ -76,19 +76,19 @@ def drives(teacher: Teacher, electrode: int, largest_force: float, cases: int) -
 
 
 def errors(
-    device: Model, small: Model, place: jax.Array, wanted: np.ndarray
+    model: Model, small: Model, place: jax.Array, wanted: np.ndarray
 ) -> tuple[dict[str, object], np.ndarray]:
     """Of shapes and readings under drives (c, D), 50 % of the cases and the largest; and the full body's
     readings (c, k).
     """
     rows, readings = [], []
     for drive in jnp.asarray(wanted):
-        exact, found = (simulate(each, place, drive) for each in (device, small))
+        exact, found = (simulate(each, place, drive) for each in (model, small))
         assert exact.result == found.result == RESULTS.converged, drive
         shape, nearly = (
-            np.asarray(each.body.displacement(at.state.z)) for each, at in ((device, exact), (small, found))
+            np.asarray(each.body.displacement(at.state.z)) for each, at in ((model, exact), (small, found))
         )
-        read, told = (np.asarray(d.reading(at.state)) for d, at in ((device, exact), (small, found)))
+        read, told = (np.asarray(d.reading(at.state)) for d, at in ((model, exact), (small, found)))
         readings.append(read)
         rows.append(
             (
@@ -126,7 +126,7 @@ def frame_times(
     """Latencies [ms] of estimate, shape and both, 50 and 99 %; how often programs were traced or compiled, a
     factor made anew and a state lost; and how far off the tension is at the loads [N], 50 % and the largest.
     """
-    estimator = Estimator(kept.device, limits_of(robot), place, step_settings(robot))
+    estimator = Estimator(kept.model, limits_of(robot), place, step_settings(robot))
     whitening = np.eye(through.shape[1]) / SIGMA_PA
     whitening[0, 0] = 1 / SIGMA_M
     wait_until_compiled(estimator)
@@ -140,7 +140,7 @@ def frame_times(
             taken.append((estimated - began, time.perf_counter() - estimated))
             renewed, lost = renewed + found.renewed, lost + found.lost
             if k and k % PER_LOAD == 0:
-                cable = kept.device.contacts[0].drives
+                cable = kept.model.contacts[0].drives
                 off.append(abs(found.drive[cable] - wanted[k // PER_LOAD - 1, cable]))
     return {
         **latencies(taken),
@@ -161,22 +161,22 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=20_000)
     given = parser.parse_args()
     robot = build_robot(load(CONFIG))
-    device, place = robot.model, jnp.asarray(places_of(robot)[[given.electrode]])
-    assert isinstance(device.body, Body)
-    teacher = Teacher(robot, rest_stiffness(device.body), build_regions(robot.settings))
+    model, place = robot.model, jnp.asarray(places_of(robot)[[given.electrode]])
+    assert isinstance(model.body, Body)
+    teacher = Teacher(robot, rest_stiffness(model.body), build_regions(robot.settings))
     kept, taken = taught(teacher, given.electrode, given.out / "finger_charts")
     largest_force = teacher.largest_force(given.electrode)
     wanted = drives(teacher, given.electrode, largest_force, given.cases)
     # Charts are kept in single precision, which is enough for estimates.
-    small = jax.tree.map(lambda x: x.astype(float) if x.dtype == jnp.float32 else x, kept.device)
-    missed, readings = errors(device, small, place, wanted)
+    small = jax.tree.map(lambda x: x.astype(float) if x.dtype == jnp.float32 else x, kept.model)
+    missed, readings = errors(model, small, place, wanted)
     through = way(small, place, wanted, readings)
     row = {
         "taught_s": taken,
         "largest_force_N": largest_force,
-        "full_unknowns": device.body.n,
-        "reduced_unknowns": kept.device.body.n,
-        "points": [len(each.volumes) for each in kept.device.body.sample],
+        "full_unknowns": model.body.n,
+        "reduced_unknowns": kept.model.body.n,
+        "points": [len(each.volumes) for each in kept.model.body.sample],
         **missed,
         **frame_times(robot, kept, place, wanted, through, given.frames),
     }

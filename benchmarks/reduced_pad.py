@@ -41,7 +41,7 @@ APART_M, PER_FRAME_M, PATH = 2e-3, 1e-4, 10_000
 RECORDING = Path(__file__).parents[1] / "tests" / "data" / "pad_nominal_two_presses.csv.gz"
 
 
-def errors(device: Model, atlas: Atlas, cases: int, largest: float) -> dict[str, object]:
+def errors(model: Model, atlas: Atlas, cases: int, largest: float) -> dict[str, object]:
     """Percentiles 50, 95, 100 of the errors [%] of displacements and volumes at random presses, and of the
     truncation [%] that the chart itself tells; how many are off by more than 1 % and how many the full body
     would correct, and how many are both.
@@ -55,11 +55,11 @@ def errors(device: Model, atlas: Atlas, cases: int, largest: float) -> dict[str,
         drive = jnp.array([random.uniform(0.02 * largest, largest)])
         number = cells.find(place)
         assert number is not None
-        small, at = atlas.chart(number).device, jnp.asarray(place)[None]
-        exact, found = (simulate(each, at, drive).state for each in (device, small))
+        small, at = atlas.chart(number).model, jnp.asarray(place)[None]
+        exact, found = (simulate(each, at, drive).state for each in (model, small))
         each = [100 * float(small.body.truncation(found.z))]
         for of in (lambda d, s: d.body.displacement(s.z), lambda d, s: d.reading(s)):
-            wanted, got = np.asarray(of(device, exact)), np.asarray(of(small, found))
+            wanted, got = np.asarray(of(model, exact)), np.asarray(of(small, found))
             each.append(100 * np.max(np.abs(got - wanted)) / np.max(np.abs(wanted)))
         missed.append(each)
     keys = ("truncation_%", "displacement_%", "volume_%")
@@ -87,12 +87,12 @@ def frame_times(robot: Robot, atlas: Atlas, frames: int) -> dict[str, object]:
     """Latencies [ms] of estimate, shape and both, 50 and 99 %; how often programs were traced or compiled,
     the full body asked and a tangent inverted; by how much forces were off; and the full body's latencies.
     """
-    device, cells = robot.model, atlas.regions
+    model, cells = robot.model, atlas.regions
     assert isinstance(cells, Cells)
     places, forces = wandering(cells, min(frames, PATH), robot.settings.contact().max_force)
     every = round(APART_M / PER_FRAME_M)
     solved = [
-        device.reading(simulate(device, jnp.asarray(place)[None], jnp.array([force])).state)
+        model.reading(simulate(model, jnp.asarray(place)[None], jnp.array([force])).state)
         for place, force in zip(places[::every], forces[::every], strict=True)
     ]
     number = np.arange(len(places))
@@ -100,7 +100,7 @@ def frame_times(robot: Robot, atlas: Atlas, frames: int) -> dict[str, object]:
     limits, none = limits_of(robot), jnp.asarray(places[:1])
     whitening = 1e9 * np.eye(readings.shape[1])
     path = [Observation.on_host(r, whitening, p[None]) for r, p in zip(readings, places, strict=True)]
-    full, small = Estimator(device, limits, none), ReducedEstimator(atlas, limits, none)
+    full, small = Estimator(model, limits, none), ReducedEstimator(atlas, limits, none)
     outside = facing(np.append(np.array(cells.high) + APART_M, 0.0), cells.direction)
     for place in (*(cells[number].at(np.zeros(2)) for number in range(len(cells))), outside):
         # As after some seconds of running: all charts are read, and at last the full body is waited for.
@@ -160,14 +160,14 @@ def main() -> None:
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     robot = build_robot(load(given.config))
-    device, largest = robot.model, robot.settings.contact().max_force
+    model, largest = robot.model, robot.settings.contact().max_force
     atlas = with_charts(robot, given.charts)
     assert isinstance(atlas, Atlas)
     row: dict[str, object] = {
         "charts": len(atlas.regions),
-        "full_unknowns": device.body.n,
-        "reduced_unknowns": atlas.chart(0).device.body.n,
-        **errors(device, atlas, given.cases, largest),
+        "full_unknowns": model.body.n,
+        "reduced_unknowns": atlas.chart(0).model.body.n,
+        **errors(model, atlas, given.cases, largest),
         **frame_times(robot, atlas, given.frames),
         **tracked_times(robot, atlas, given.recording),
     }

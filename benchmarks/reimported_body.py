@@ -5,7 +5,7 @@
 PLAN is a design task and DIR the folder of its run (`softfuse design PLAN --out DIR`). DIR/casting/body.stl
 is filled with tetrahedra of edges of so many mm (8) by fTetWild, which knows nothing of the layout and stays
 within so large a part of its diagonal (0.0025) of the surface before its nodes are brought onto that. The
-body is pressed at each Nth (5) of the plan's places, as is the device of DIR/designed.toml on its own mesh
+body is pressed at each Nth (5) of the plan's places, as is the robot of DIR/designed.toml on its own mesh
 and on that mesh refined. Printed: volumes of the cavities, the norm of the readings per newton, mean and
 coefficient of variation, and by how much the norms, and the readings of single cavities, of the first differ
 from the others', in parts of the mean norm.
@@ -33,7 +33,7 @@ from softfuse.robot.settings import RobotSettings
 
 
 def refined_mesh(config: RobotSettings, mesh: RobotMesh) -> RobotMesh:
-    """A device's mesh with every tetrahedron cut into eight, so that of its error a known part is left.
+    """A robot's mesh with every tetrahedron cut into eight, so that of its error a known part is left.
     Meshes made anew with shorter edges scatter by more than is asked here.
     """
     fine = oriented(refined(mesh.mesh))
@@ -43,9 +43,9 @@ def refined_mesh(config: RobotSettings, mesh: RobotMesh) -> RobotMesh:
 
 def by_force(plan: DesignPlan, config: RobotSettings, mesh: RobotMesh, every: int, name: str) -> np.ndarray:
     """Readings per newton (s, k) in SI at each so manyth of a plan's places, and a line of them."""
-    device = build_robot(config, mesh).model
+    model = build_robot(config, mesh).model
     places, _ = build_places(plan, config)
-    found = np.asarray(rest_response(device, places[::every]).by_force)
+    found = np.asarray(rest_response(model, places[::every]).by_force)
     norms = np.linalg.norm(found, axis=1)
     at = jnp.asarray(mesh.mesh.nodes)
     volumes = ", ".join(f"{1e9 * float(Cavity(jnp.asarray(each.faces))(at)):.0f}" for each in mesh.cavities)

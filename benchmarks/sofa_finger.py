@@ -194,14 +194,14 @@ def inverse_with_our_energy(finger: Reference, tip: int) -> tuple[float, float, 
     cable = PulledCable.through(body, finger.guides, finger.pulled_at)
     markers = (Marker(jnp.array([tip]), jnp.ones(1), axis) for axis in jnp.eye(3))
     readings = (*map(ShapeReading, markers), AnswerReading((0,)))
-    device = Model(body, readings, (), Dense.plan(body), (cable,))
+    model = Model(body, readings, (), Dense.plan(body), (cable,))
     limits = Limits(jnp.zeros(1), jnp.full(1, 5.0), jnp.zeros(1), motion=jnp.array(5e-3))
     whitening = jnp.diag(jnp.array([1e3] * 3 + [0.0]))
     target = Observation(jnp.append(finger.u[tip], 0.0), whitening, jnp.zeros((0, 3, 3)))
-    rest = device.rest_state(target.places)
-    state, report = eqx.filter_jit(exact_steps)(device, limits, rest, target, steps=INVERSE_STEPS)
+    rest = model.rest_state(target.places)
+    state, report = eqx.filter_jit(exact_steps)(model, limits, rest, target, steps=INVERSE_STEPS)
     off = float(jnp.linalg.norm(report.misfit[:3]))
-    return float(device.answers(state)[0]), float(state.drive[0]), off
+    return float(model.answers(state)[0]), float(state.drive[0]), off
 
 
 def main() -> None:

@@ -60,7 +60,7 @@ class SharedForce(AbstractContact):
 
 
 def sofa_pad(name: str) -> Model:
-    """The pad as a device whose readings are its cavities' volume changes."""
+    """The pad as a robot whose readings are its cavities' volume changes."""
     with np.load(MESHES) as data:
         nodes, tets, bottom, press = (data[f"{name}_{key}"] for key in ("nodes", "tets", "bottom", "press"))
     mesh = tet_mesh(1e-3 * nodes, tets.astype(np.int64))
@@ -72,24 +72,24 @@ def sofa_pad(name: str) -> Model:
     return Model(body, tuple(map(ShapeReading, walls)), (pressed,), Multifrontal.plan(body))
 
 
-def readings(device: Model, force: Float[np.ndarray, " f"]) -> Float[np.ndarray, "f k"]:
+def readings(model: Model, force: Float[np.ndarray, " f"]) -> Float[np.ndarray, "f k"]:
     """Volume changes (f, k) [m³] under forces (f,) [N], between six equilibria."""
     solve = eqx.filter_jit(lambda d, f: d.reading(simulate(d, NOWHERE, f[None]).state))
     levels = np.linspace(0.0, PEAK_N, 6)
-    volumes = np.array([np.asarray(solve(device, jnp.asarray(level))) for level in levels])
+    volumes = np.array([np.asarray(solve(model, jnp.asarray(level))) for level in levels])
     return np.stack([np.interp(force, levels, column) for column in volumes.T], axis=1)
 
 
 def measure(name: str, frames: int) -> dict[str, float]:
     """One row of the benchmark."""
-    device = sofa_pad(name)
+    model = sofa_pad(name)
     limits = Limits(jnp.zeros(1), jnp.full(1, 50.0), jnp.zeros(1))
-    estimator = Estimator(device, limits, jnp.asarray(NOWHERE))
+    estimator = Estimator(model, limits, jnp.asarray(NOWHERE))
     force = PEAK_N * np.abs(np.interp(np.arange(frames), [0, frames / 2, frames], [0, 1, 0]))
-    whitening = 1e9 * jnp.eye(device.n_readings)
+    whitening = 1e9 * jnp.eye(model.n_readings)
     seen = [
         Observation(jnp.asarray(reading), whitening, jnp.asarray(NOWHERE))
-        for reading in readings(device, force)
+        for reading in readings(model, force)
     ]
     for each in seen[:3]:
         estimator.update(each)
@@ -102,7 +102,7 @@ def measure(name: str, frames: int) -> dict[str, float]:
         renewed += found.renewed
     return {
         "mesh": name,
-        "nodes": device.body.n_nodes,
+        "nodes": model.body.n_nodes,
         "p50_ms": 1e3 * float(np.median(latency)),
         "p99_ms": 1e3 * float(np.quantile(latency, 0.99)),
         "renewed_factors": renewed,
@@ -131,7 +131,7 @@ def main() -> None:
         float(np.polyfit(nodes, np.log([row[key] for row in rows]), 1)[0]) for key in ("p50_ms", "sofa_ms")
     )
     print(f"median step grows as nodes^{ours:.2f}, SOFA's as nodes^{sofas:.2f}")
-    result = {"device": jax.devices()[0].device_kind, "exponent": ours, "sofa_exponent": sofas, "sizes": rows}
+    result = {"robot": jax.models()[0].device_kind, "exponent": ours, "sofa_exponent": sofas, "sizes": rows}
     (given.out / "sofa_pad.json").write_text(json.dumps(result, indent=2) + "\n")
 
 

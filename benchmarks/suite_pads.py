@@ -40,7 +40,7 @@ class Pad:
     robot: Robot
 
     @property
-    def device(self) -> Model:
+    def model(self) -> Model:
         """Its model."""
         return self.robot.model
 
@@ -55,17 +55,17 @@ class Pad:
 def pad(nodes: int) -> Pad:
     """The pad with so many nodes, made once."""
     made = Pad(build_robot(pad_on(*MESHES[nodes])))
-    assert made.device.body.n_nodes == nodes
+    assert made.model.body.n_nodes == nodes
     return made
 
 
 @eqx.filter_jit
-def _read(device: Model, places: jax.Array, forces: jax.Array) -> jax.Array:
-    return device.reading(simulate(device, places, forces).state)
+def _read(model: Model, places: jax.Array, forces: jax.Array) -> jax.Array:
+    return model.reading(simulate(model, places, forces).state)
 
 
 def press(
-    device: Model, contacts: int, frames: int, seed: int = 0, place: np.ndarray | None = None
+    model: Model, contacts: int, frames: int, seed: int = 0, place: np.ndarray | None = None
 ) -> list[Observation]:
     """Frames of contacts that press up to the peak and stay, jittering by 0.05 mm as located ones do.
 
@@ -74,7 +74,7 @@ def press(
     places = PLACES[:contacts] if place is None else place[None]
     levels = np.linspace(0.0, PEAK_N / contacts, 6)
     at = jnp.asarray(places)
-    read = np.array([np.asarray(_read(device, at, jnp.full(contacts, level))) for level in levels])
+    read = np.array([np.asarray(_read(model, at, jnp.full(contacts, level))) for level in levels])
     force = np.minimum(np.linspace(0.0, 1.25, frames), 1.0) * levels[-1]
     readings = np.stack([np.interp(force, levels, column) for column in read.T], axis=1)
     jitter = np.random.default_rng(seed).normal(0.0, 0.05e-3, (frames, contacts, 3))[..., :2]

@@ -14,7 +14,7 @@ class ConfigError(SoftfuseError):
 
 
 class RecordingError(SoftfuseError):
-    """A recording that cannot be read or does not belong to the device."""
+    """A recording that cannot be read or does not belong to the robot."""
 
 
 class SolveError(SoftfuseError):

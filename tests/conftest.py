@@ -104,14 +104,14 @@ def two_cavity_device(element: Element, solver: type[AbstractLinearSolver], pois
 
 
 @pytest.fixture(scope="session")
-def device() -> Model:
-    """The small device as it is used: Taylor-Hood, nearly incompressible, multifrontal solver."""
+def model() -> Model:
+    """The small robot as it is used: Taylor-Hood, nearly incompressible, multifrontal solver."""
     return two_cavity_device(TAYLOR_HOOD, Multifrontal, 0.49)
 
 
 @pytest.fixture(scope="session")
 def plain_device() -> Model:
-    """The small device with linear elements and a dense solver, which compile in no time."""
+    """The small robot with linear elements and a dense solver, which compile in no time."""
     return two_cavity_device(LINEAR, Dense, 0.3)
 
 

@@ -1,1 +1,1 @@
-"""Fitting a device's parameters to presses of known place and force."""
+"""Fitting a robot's parameters to presses of known place and force."""

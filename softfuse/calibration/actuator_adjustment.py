@@ -52,21 +52,21 @@ class CableCompliances(AbstractAdjustment):
     names: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
-    def of(cls, device: Model, cables: Sequence[str], most_N: Sequence[float], sigma: float) -> Self:
+    def of(cls, model: Model, cables: Sequence[str], most_N: Sequence[float], sigma: float) -> Self:
         """Of the configured compliances, or where there is none of one that is felt as a strain of a
         thousandth under the largest tension [N]; with a prior standard deviation [-].
         """
-        loads = zip(parts_of(device.actuators, ShortenedCable), most_N, strict=True)
+        loads = zip(parts_of(model.actuators, ShortenedCable), most_N, strict=True)
         typical = [
             float(load.compliance) or _TYPICAL_STRAIN * float(load.rest_length) / most for load, most in loads
         ]
         names = tuple(f"{name} compliance" for name in cables)
         return cls(sigma=jnp.full(len(cables), sigma), typical=jnp.array(typical), names=names)
 
-    def adjusted(self, device, value):
-        """The device of softer or stiffer cables."""
+    def adjusted(self, model, value):
+        """The robot of softer or stiffer cables."""
         each = iter(self.typical * jnp.exp(value))
-        return with_actuators(device, ShortenedCable, lambda cable: replace(cable, compliance=next(each)))
+        return with_actuators(model, ShortenedCable, lambda cable: replace(cable, compliance=next(each)))
 
 
 class DeadVolumes(AbstractAdjustment):
@@ -81,7 +81,7 @@ class DeadVolumes(AbstractAdjustment):
         names = tuple(f"{name} dead volume" for name in chambers)
         return cls(sigma=jnp.full(len(chambers), sigma), names=names)
 
-    def adjusted(self, device, value):
+    def adjusted(self, model, value):
         """The model with more or less gas behind its chambers."""
         left = jnp.exp(value)
 
@@ -90,4 +90,4 @@ class DeadVolumes(AbstractAdjustment):
             own, left = jnp.split(left, [gas.dead.shape[0]])
             return replace(gas, dead=gas.dead * own)
 
-        return with_actuators(device, SealedGas, filled)
+        return with_actuators(model, SealedGas, filled)

@@ -1,8 +1,8 @@
-"""What a calibration may change of a device: groups of parameters θ, each 0 as configured, with names and how
+"""What a calibration may change of a robot: groups of parameters θ, each 0 as configured, with names and how
 far from 0 they are expected to be.
 
 Priors are normal, θ ~ N(0, σ²): for a stiffness θ is the logarithm of a factor, for a place a length, so that
-σ says in which tolerance a device is made. Everything is differentiable in θ.
+σ says in which tolerance a robot is made. Everything is differentiable in θ.
 """
 
 from collections.abc import Sequence
@@ -40,10 +40,10 @@ class AbstractAdjustment(eqx.Module):
     sigma: eqx.AbstractVar[Float[Array, " p"]]
     names: eqx.AbstractVar[tuple[str, ...]]
 
-    def adjusted(self, device: Model, value: Float[Array, " p"]) -> Model:
-        """The device with parameters (p,)."""
+    def adjusted(self, model: Model, value: Float[Array, " p"]) -> Model:
+        """The robot with parameters (p,)."""
         del value
-        return device
+        return model
 
     def arms(
         self, arm: Float[Array, " c"], press: Int[Array, ""], value: Float[Array, " p"]
@@ -58,7 +58,7 @@ class AbstractAdjustment(eqx.Module):
         return drive
 
     def measured(self, reading: Float[Array, " k"], value: Float[Array, " p"]) -> Float[Array, " k"]:
-        """What the sensors say (k,) where the device's readings are (k,)."""
+        """What the sensors say (k,) where the robot's readings are (k,)."""
         del value
         return reading
 
@@ -74,11 +74,11 @@ class Stiffness(AbstractAdjustment):
         """With a prior standard deviation [-]."""
         return cls(jnp.array([sigma]))
 
-    def adjusted(self, device, value):
-        """The device of stiffer or softer materials."""
-        body = device.body.full
+    def adjusted(self, model, value):
+        """The robot of stiffer or softer materials."""
+        body = model.body.full
         materials = [law.times(jnp.exp(value[0])) for law in body.materials]
-        return with_body(device, body.with_materials(materials))
+        return with_body(model, body.with_materials(materials))
 
 
 class Stiffening(AbstractAdjustment):
@@ -94,14 +94,14 @@ class Stiffening(AbstractAdjustment):
         return cls(jnp.array([sigma]))
 
     @staticmethod
-    def possible(device: Model) -> bool:
+    def possible(model: Model) -> bool:
         """Whether all its materials have such a constant."""
-        return all(law.stiffened(0.0) is not law for law in device.body.full.materials)
+        return all(law.stiffened(0.0) is not law for law in model.body.full.materials)
 
-    def adjusted(self, device, value):
-        """The device of materials that stiffen more or less under strain; see `possible`."""
-        body = device.body.full
-        return with_body(device, body.with_materials([law.stiffened(value[0]) for law in body.materials]))
+    def adjusted(self, model, value):
+        """The robot of materials that stiffen more or less under strain; see `possible`."""
+        body = model.body.full
+        return with_body(model, body.with_materials([law.stiffened(value[0]) for law in body.materials]))
 
 
 class Layer(AbstractAdjustment):
@@ -119,10 +119,10 @@ class Layer(AbstractAdjustment):
         typical = compliance or 0.01 * radius / body.pressure_unit
         return cls(sigma=jnp.array([sigma]), typical=typical)
 
-    def adjusted(self, device, value):
-        """The device pressed through such a layer."""
+    def adjusted(self, model, value):
+        """The robot pressed through such a layer."""
         compliance = self.typical * jnp.exp(value[0])
-        return eqx.tree_at(lambda d: d.contacts[0].compliance, device, compliance)
+        return eqx.tree_at(lambda d: d.contacts[0].compliance, model, compliance)
 
 
 class Walls(AbstractAdjustment):
@@ -161,10 +161,10 @@ class Walls(AbstractAdjustment):
         whole = np.array(modes).reshape(-1, len(mesh.nodes), 3)
         return cls(sigma=jnp.array(sigma, float), modes=jnp.asarray(whole), names=tuple(said))
 
-    def adjusted(self, device, value):
-        """The device with its cavities as made."""
-        body = device.body.full
-        return with_body(device, body.with_rest(body.rest + jnp.einsum("p,pni->ni", value, self.modes)))
+    def adjusted(self, model, value):
+        """The robot with its cavities as made."""
+        body = model.body.full
+        return with_body(model, body.with_rest(body.rest + jnp.einsum("p,pni->ni", value, self.modes)))
 
 
 class StiffnessField(AbstractAdjustment):
@@ -181,9 +181,9 @@ class StiffnessField(AbstractAdjustment):
         """With a prior standard deviation of each coefficient [-]."""
         return cls(sigma=jnp.full(len(TERMS), sigma), configured=jnp.array(configured, float))
 
-    def adjusted(self, device, value):
-        """The device that is stiffer in some parts than in others."""
-        return with_body(device, with_field(device.body.full, self.configured + value))
+    def adjusted(self, model, value):
+        """The robot that is stiffer in some parts than in others."""
+        return with_body(model, with_field(model.body.full, self.configured + value))
 
 
 class Gains(AbstractAdjustment):
@@ -231,11 +231,11 @@ class Adjustments(eqx.Module):
         ends = np.cumsum([len(group.names) for group in self.groups])[:-1]
         return jnp.split(jnp.asarray(value), ends)
 
-    def adjusted(self, device: Model, value: Float[Array | np.ndarray, " p"]) -> Model:
-        """The device with parameters (p,)."""
+    def adjusted(self, model: Model, value: Float[Array | np.ndarray, " p"]) -> Model:
+        """The robot with parameters (p,)."""
         for group, part in zip(self.groups, self.of_group(value), strict=True):
-            device = group.adjusted(device, part)
-        return device
+            model = group.adjusted(model, part)
+        return model
 
     def arms(
         self, arm: Float[Array, " c"], press: Int[Array, ""], value: Float[Array, " p"]
@@ -252,7 +252,7 @@ class Adjustments(eqx.Module):
         return drive
 
     def measured(self, reading: Float[Array, " k"], value: Float[Array, " p"]) -> Float[Array, " k"]:
-        """What the sensors say (k,) where the device's readings are (k,)."""
+        """What the sensors say (k,) where the robot's readings are (k,)."""
         for group, part in zip(self.groups, self.of_group(value), strict=True):
             reading = group.measured(reading, part)
         return reading

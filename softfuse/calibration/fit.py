@@ -1,8 +1,8 @@
-"""Fitting a device's parameters to presses of known place and force.
+"""Fitting a robot's parameters to presses of known place and force.
 
-Rounds of Gauss-Newton: the device answers with readings and slopes (`Adjustable`); on these, the discrepancy
+Rounds of Gauss-Newton: the robot answers with readings and slopes (`Adjustable`); on these, the discrepancy
 δ is the one that makes the readings most likely (`Discrepancy`), and the parameters those that explain them
-best (`robust`); then the device is asked again. A step that gains less than half of what its slopes promise
+best (`robust`); then the robot is asked again. A step that gains less than half of what its slopes promise
 is tried again where a parabola is least. Rounds end when no step promises more than a fiftieth in the
 logarithm of the posterior: parameters are then within a fifth of their standard deviations.
 """
@@ -145,7 +145,7 @@ def fit(
 
 @dataclass(frozen=True, eq=False)
 class _Round:
-    """Presses, and what the device with parameters z (p,), in prior standard deviations, answered."""
+    """Presses, and what the robot with parameters z (p,), in prior standard deviations, answered."""
 
     presses: Presses
     answer: Answer
@@ -236,7 +236,7 @@ class Grid:
         return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
 
     def spread(self, answer: Answer, covariance: Float[np.ndarray, "p p"]) -> ReadingSpread:
-        """How uncertain readings are, as a device answers these presses with parameters so uncertain."""
+        """How uncertain readings are, as a robot answers these presses with parameters so uncertain."""
         by_parameters = answer.slope @ np.linalg.cholesky(covariance) / self.each_N
         shape = (len(self.x_m), len(self.y_m), answer.reading.shape[1], -1)
         return ReadingSpread(self.x_m, self.y_m, by_parameters.reshape(shape))

@@ -1,4 +1,4 @@
-"""Presses of known place and force, and what a device with other parameters would have read in them.
+"""Presses of known place and force, and what a robot with other parameters would have read in them.
 
 One program answers for one press, its readings and their slopes in all parameters: one equilibrium, and one
 adjoint for each reading. It is compiled once and shared out over threads. An equilibrium is searched from
@@ -26,7 +26,7 @@ from softfuse.mechanics.solution import RESULTS, Solution, State
 
 @dataclass(frozen=True, eq=False)
 class Applied:
-    """What is done to a device in s samples, by c contacts in each.
+    """What is done to a robot in s samples, by c contacts in each.
 
     `place` (s, c, 3, 3): see `functional.chart`; `force_N` (s, c): 0 where a contact does not press;
     `prescribed` (s, a): drives of the actuators; `press` (s,): samples with the same number belong to one
@@ -59,7 +59,7 @@ class Presses:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Readings (s, k) in SI of a device, their slopes (s, k, p) in its parameters, its equilibria (s,)."""
+    """Readings (s, k) in SI of a robot, their slopes (s, k, p) in its parameters, its equilibria (s,)."""
 
     reading: Float[np.ndarray, "s k"]
     slope: Float[np.ndarray, "s k p"]
@@ -68,9 +68,9 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Adjustable:
-    """A device as configured, with parameters 0, which may be adjusted; compiles when first asked."""
+    """A robot as configured, with parameters 0, which may be adjusted; compiles when first asked."""
 
-    device: Model
+    model: Model
     adjustments: Adjustments
 
     def answer(
@@ -81,8 +81,8 @@ class Adjustable:
         near: tuple[State, ...] | None = None,
         seen: Callable[[], None] = lambda: None,
     ) -> Answer:
-        """What the device with parameters (p,) reads in samples (s,); `near` (s,): equilibria of nearly the
-        same device, to start from; `seen` is called after each sample.
+        """What the robot with parameters (p,) reads in samples (s,); `near` (s,): equilibria of nearly the
+        same robot, to start from; `seen` is called after each sample.
 
         Raises SolveError naming the press that has no equilibrium.
         """
@@ -105,9 +105,9 @@ class Adjustable:
     def _one(
         self, value: np.ndarray, given: tuple[np.ndarray, ...], start: State | None
     ) -> tuple[np.ndarray, np.ndarray, State]:
-        rest = self.device.rest_state(jnp.asarray(given[0]))
+        rest = self.model.rest_state(jnp.asarray(given[0]))
         for begin in (rest,) if start is None else (start, rest):
-            slope, (reading, found) = _read(self.device, self.adjustments, value, given, begin)
+            slope, (reading, found) = _read(self.model, self.adjustments, value, given, begin)
             if bool(found.result == RESULTS.converged):
                 return np.asarray(reading), np.asarray(slope), found.state
         place, force, *_ = given
@@ -136,11 +136,11 @@ def _said(place: np.ndarray) -> str:
 
 
 @eqx.filter_jit
-def _read(device: Model, adjustments: Adjustments, value: Any, given: Any, start: State) -> Any:
+def _read(model: Model, adjustments: Adjustments, value: Any, given: Any, start: State) -> Any:
     place, force, prescribed, press = given
 
     def read(value: Array) -> tuple[Array, tuple[Array, Solution]]:
-        made = adjustments.adjusted(device, value)
+        made = adjustments.adjusted(model, value)
         arms = adjustments.arms(jnp.zeros(len(force)), press, value)
         kinds = made.kinds(len(place))
         forces = [_shared(kind, *each) for kind, *each in zip(kinds, force, arms, strict=True)]

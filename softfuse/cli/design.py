@@ -22,7 +22,7 @@ def design(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Find cavities whose readings tell more, and write the device, its mould and a report."""
+    """Find cavities whose readings tell more, and write the robot, its mould and a report."""
     processes = Workers(scheduler, workers)
     share = None if scheduler is None and workers is None else processes.share
     with steps(quiet=quiet) as begin:

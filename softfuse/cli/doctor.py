@@ -36,7 +36,7 @@ _SIGNS: dict[State, tuple[str, str]] = {
 
 def doctor(
     config: Annotated[
-        Path | None, typer.Argument(help="Configuration of a device (TOML), whose sources are listened to.")
+        Path | None, typer.Argument(help="Configuration of a robot (TOML), whose sources are listened to.")
     ] = None,
     port: Annotated[
         list[str] | None,

@@ -1,4 +1,4 @@
-"""softfuse reduce: the charts that make a device fast enough for its sensors' rate."""
+"""softfuse reduce: the charts that make a robot fast enough for its sensors' rate."""
 
 from pathlib import Path
 from typing import Annotated
@@ -18,11 +18,11 @@ from softfuse.rom.rom_file import AtlasFolder
 
 
 def reduce(
-    config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
+    config: Annotated[Path, typer.Argument(help="Configuration of the robot (TOML).")],
     out: Annotated[Path, out_folder("Folder for the charts; those that are there already stay.")],
     quiet: Quiet = False,
 ) -> None:
-    """Reduce a device for real time, a chart for each cell of its workspace or electrode; goes on where it
+    """Reduce a robot for real time, a chart for each cell of its workspace or electrode; goes on where it
     stopped.
     """
     settings = load(config)

@@ -1,4 +1,4 @@
-"""softfuse sweep: thousands of presses of a simulated device, on several processes or computers."""
+"""softfuse sweep: thousands of presses of a simulated robot, on several processes or computers."""
 
 from pathlib import Path
 from typing import Annotated
@@ -16,7 +16,7 @@ from softfuse.robot.press_plan import load_plan
 
 
 def sweep(
-    config: Annotated[Path, typer.Argument(help="Configuration of the device (TOML).")],
+    config: Annotated[Path, typer.Argument(help="Configuration of the robot (TOML).")],
     plan: Annotated[Path, typer.Argument(help="What varies (TOML), such as configs/pad_sweep.toml.")],
     out: Annotated[Path, out_folder("Folder for the results; a sweep in it is continued.")],
     scheduler: Scheduler = None,
@@ -25,7 +25,7 @@ def sweep(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate a device under many contacts, forces, cables and moduli; goes on where it stopped."""
+    """Simulate a robot under many contacts, forces, cables and moduli; goes on where it stopped."""
     processes = Workers(scheduler, workers)
     text = file_text(config)
     settings, planned = parse(text, config), load_plan(plan)

@@ -21,7 +21,7 @@ _USUAL = PressSettings()
 
 
 def testbed(
-    config: Annotated[Path, typer.Argument(help="Configuration of the device, with its sources (TOML).")],
+    config: Annotated[Path, typer.Argument(help="Configuration of the robot, with its sources (TOML).")],
     stage: Annotated[str, typer.Option(help="Port of the stage.")],
     out: Annotated[list[Path], typer.Option(help="File to record to, .mcap or .csv; may be repeated.")],
     firmware: Annotated[Firmware, typer.Option(help="What controls the stage.")] = Firmware.GRBL,

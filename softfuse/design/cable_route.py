@@ -24,7 +24,7 @@ class CableRoute(eqx.Module):
 
     @classmethod
     def of(cls, plan: DesignPlan, config: RobotSettings) -> "CableRoute":
-        """Of a plan; raises ConfigError when the device has no such cable or guide."""
+        """Of a plan; raises ConfigError when the robot has no such cable or guide."""
         drawn = [np.array(cable.guides) for cable in config.cables]
         ties = [np.zeros((*guides.shape, len(plan.parameters))) for guides in drawn]
         names = [cable.name for cable in config.cables]
@@ -60,11 +60,11 @@ class CableRoute(eqx.Module):
         )
         return config.model_copy(update={"cables": cables})
 
-    def on_device(self, device: Model, theta: Float[Array, " p"]) -> Model:
-        """The device, built with any guides, with those of parameters (p,); differentiable."""
+    def on_model(self, model: Model, theta: Float[Array, " p"]) -> Model:
+        """The robot, built with any guides, with those of parameters (p,); differentiable."""
         guides = iter(self.guides(theta))
 
         def moved(cable: PulledCable) -> PulledCable:
             return replace(cable, ports=cable.ports.moved_to(next(guides)))
 
-        return with_actuators(device, PulledCable, moved)
+        return with_actuators(model, PulledCable, moved)

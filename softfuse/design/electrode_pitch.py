@@ -29,7 +29,7 @@ class ElectrodePitch(eqx.Module):
 
     @classmethod
     def of(cls, plan: DesignPlan, config: RobotSettings) -> "ElectrodePitch":
-        """Of a plan; raises ConfigError when it changes lines of a device that has none, or bounds let them
+        """Of a plan; raises ConfigError when it changes lines of a robot that has none, or bounds let them
         leave the body or cross each other.
         """
         lines = _lines(config)
@@ -103,7 +103,7 @@ def touched(
 ) -> Callable[[Array], Float[Array, "s 2 2"]]:
     """Information (s, 2, 2) 1/m² of the electrodes with parameters (p,) on places (s, 3, 3) of contacts.
 
-    Raises ConfigError when the device has no rows and columns of electrodes.
+    Raises ConfigError when the robot has no rows and columns of electrodes.
     """
     lines = _lines(config)
     if lines is None:

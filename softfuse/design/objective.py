@@ -1,4 +1,4 @@
-"""What a design is judged by: numbers of how the device answers to presses, all differentiable.
+"""What a design is judged by: numbers of how the robot answers to presses, all differentiable.
 
 A press with force F at a place p changes s readings, whose noise is σ, by F w. With B = ∂(F w)/∂p (k, 2) and
 what else knows the place, to σ_p, the information on (F, p) is
@@ -43,7 +43,7 @@ _WORST = 12
 
 
 class Answers(eqx.Module):
-    """How a device answers to s presses, see `RestResponse`: by_force (s, k) [reading's SI unit/N], by_place
+    """How a robot answers to s presses, see `RestResponse`: by_force (s, k) [reading's SI unit/N], by_place
     (s, k, 2) [that/(N m)], softness (s,) [m/N], motion (s, m, 3) [m/N] of what is watched, closing (s,)
     [1/N]: the largest part of the distance between opposite walls of a cavity that is lost, strain (s,)
     [1/N]: the largest principal one in the material; noise (k,) [reading's SI unit] of readings; touched
@@ -316,7 +316,7 @@ class PlainMeasureSettings(MeasureSettings):
 
 class PressMeasureSettings(MeasureSettings):
     """A measure of presses with a force [N], whose places are known otherwise to place_sigma m; None, in the
-    file "electrodes": as well as the device's electrodes tell them.
+    file "electrodes": as well as the robot's electrodes tell them.
     """
 
     by_place: ClassVar[bool] = True

@@ -1,4 +1,4 @@
-"""From a design plan and its device's config to the problem that is searched, and back to a config."""
+"""From a design plan and its robot's config to the problem that is searched, and back to a config."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -41,7 +41,7 @@ ShownUnits = Mapping[str, tuple[str, float]]
 def build_layout(plan: DesignPlan, config: RobotSettings) -> TiedLayout:
     """The layout of a plan, with parameters that are 0 as drawn.
 
-    Raises ConfigError when the device's body is no block.
+    Raises ConfigError when the robot's body is no block.
     """
     numbers = {cavity.name: k for k, cavity in enumerate(plan.cavities)}
 
@@ -57,9 +57,9 @@ def build_layout(plan: DesignPlan, config: RobotSettings) -> TiedLayout:
 
 
 def build_problem(plan: DesignPlan, config: RobotSettings) -> Problem:
-    """The problem of a plan without its limits, which need the device as it is: see `build_limits`.
+    """The problem of a plan without its limits, which need the robot as it is: see `build_limits`.
 
-    Raises ConfigError as `build_layout` does, or when places and measures do not suit the device.
+    Raises ConfigError as `build_layout` does, or when places and measures do not suit the robot.
     """
     config = with_chambers(plan, config)
     if config.body.element == "linear":
@@ -90,8 +90,8 @@ def build_problem(plan: DesignPlan, config: RobotSettings) -> Problem:
         walls=Walls(plan.walls.thickness, special),
         # What presses on an electrode is felt in the same way all over it.
         by_place=not names and any(each.by_place for each in wanted),
-        watch=lambda device: _watched(config, device),
-        follow=route.on_device,
+        watch=lambda model: _watched(config, model),
+        follow=route.on_model,
         guides=lambda theta: jnp.concatenate([jnp.zeros((0, 3)), *route.guides(theta)]),
         touched=touched(plan, config, pitch, places) if electrodes else untouched,
     )
@@ -105,7 +105,7 @@ def limits_of(plan: DesignPlan) -> tuple[LimitSettings, ...]:
 def build_limits(
     plan: DesignPlan, config: RobotSettings, own: Answers, settings: Sequence[LimitSettings]
 ) -> tuple[Limit, ...]:
-    """Limits, those in parts of the device's own by its answers as it is."""
+    """Limits, those in parts of the robot's own by its answers as it is."""
 
     def limit(settings: LimitSettings, measure: AbstractMeasure) -> Limit:
         is_now = float(measure(own))
@@ -125,7 +125,7 @@ def limit_measures(
 
 
 def shown_units(config: RobotSettings) -> ShownUnits:
-    """In which units people read the measures of a device."""
+    """In which units people read the measures of a robot."""
     pressures = any("pressure" in (each.quantities or ()) for each in config.sensors)
     reading = ("Pa/N", 1.0) if pressures else ("mm³/N", 1e9)
     return {"m": ("mm", 1e3), "m/N": ("mm/N", 1e3), "reading/N": reading}
@@ -150,9 +150,9 @@ def searched_config(plan: DesignPlan, config: RobotSettings) -> RobotSettings:
 
 
 def build_places(plan: DesignPlan, config: RobotSettings) -> tuple[Array, tuple[str, ...]]:
-    """The places (s, 3, 3) where the device is pressed, and the names of electrodes.
+    """The places (s, 3, 3) where the robot is pressed, and the names of electrodes.
 
-    Raises ConfigError when the places do not suit the device.
+    Raises ConfigError when the places do not suit the robot.
     """
     presses = SweepPlan.model_validate(
         {"places": plan.places, "forces": {"values": ["1 N"]}},
@@ -173,11 +173,11 @@ def _noise(config: RobotSettings, plan: DesignPlan) -> Float[np.ndarray, " k"]:
     return np.array(each)
 
 
-def _watched(config: RobotSettings, device: Model) -> MaterialPoints | None:
+def _watched(config: RobotSettings, model: Model) -> MaterialPoints | None:
     line = config.centreline
     points = [point.at for point in config.points] if line is None else line.points
     with config.told("point" if line is None else "centreline.points"):
-        return MaterialPoints.embedded(device.body, np.array(points)) if points else None
+        return MaterialPoints.embedded(model.body, np.array(points)) if points else None
 
 
 def _outside(plan: DesignPlan, config: RobotSettings) -> Block:
@@ -186,7 +186,7 @@ def _outside(plan: DesignPlan, config: RobotSettings) -> Block:
         return source.outside()
     except MeshError as error:
         raise ConfigError(
-            f"{plan.path}: device: the body of {config.path} comes from a {source.type}; {error}"
+            f"{plan.path}: robot: the body of {config.path} comes from a {source.type}; {error}"
         ) from error
 
 
@@ -213,7 +213,7 @@ def save_designed(
     theta: Float[np.ndarray, " p"],
     target: Path,
 ) -> RobotSettings:
-    """Write the config of the device whose cavities have parameters (p,), all else and its comments kept, and
+    """Write the config of the robot whose cavities have parameters (p,), all else and its comments kept, and
     return it: a "layout" where the outside is a block, else a mesh in a file next to it.
 
     Raises ConfigError when it cannot be written.

@@ -1,4 +1,4 @@
-"""What a design run looks for, as a TOML file: a device, its cavities as drawn, what may change, and what is
+"""What a design run looks for, as a TOML file: a robot, its cavities as drawn, what may change, and what is
 wanted.
 """
 
@@ -142,7 +142,7 @@ _PURE = ("unevenness", "closing", "strain")
 
 
 class LimitSettings(Settings):
-    """What a measure must be at least and at most, in parts of that of the device as it is [-], or by itself
+    """What a measure must be at least and at most, in parts of that of the robot as it is [-], or by itself
     where it has no unit.
     """
 
@@ -154,10 +154,10 @@ class LimitSettings(Settings):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.at_least is None and self.at_most is None and self.most is None:
-            raise wrong_value("give at_least or at_most, parts of the device's own, or most")
+            raise wrong_value("give at_least or at_most, parts of the robot's own, or most")
         if self.most is not None and self.of.measure not in _PURE:
             raise wrong_value(
-                f'is for {", ".join(_PURE)}: limit "{self.of.measure}" by at_most, in parts of the device\'s '
+                f'is for {", ".join(_PURE)}: limit "{self.of.measure}" by at_most, in parts of the robot\'s '
                 "own",
                 key="most",
             )
@@ -185,7 +185,7 @@ class NoiseSettings(Settings):
 
 class LookSettings(Settings):
     """How the search goes: on a mesh whose `edges`, such as {"surface_size": 0.009} m, may be other ones than
-    the device's; random starts besides the cavities as drawn, of which so many are followed; see
+    the robot's; random starts besides the cavities as drawn, of which so many are followed; see
     `SearchSettings`.
     """
 
@@ -201,7 +201,7 @@ class LookSettings(Settings):
 
 class FrontSettings(Settings):
     """A Pareto front: the objective at several limits [-] of a measure, at least or at most that many parts
-    of the device's own.
+    of the robot's own.
     """
 
     of: AnyMeasure
@@ -211,7 +211,7 @@ class FrontSettings(Settings):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if bool(self.at_least) == bool(self.at_most):
-            raise wrong_value("give either at_least or at_most, a list of parts of the device's own")
+            raise wrong_value("give either at_least or at_most, a list of parts of the robot's own")
         return self
 
     @property
@@ -254,12 +254,12 @@ class MouldSettings(Settings):
 class DesignPlan(FileSettings):
     """A validated design task, in SI.
 
-    device: configuration of the device whose cavities are designed; its body is a block with cavities.
+    robot: configuration of the robot whose cavities are designed; its body is a block with cavities.
     places: presses by which a layout is judged. cavities as drawn, as many as shall be, and the parameters
     that change them.
     """
 
-    device: ExistingFile
+    robot: ExistingFile
     places: AnyPlaces
     noise: NoiseSettings = NoiseSettings()
     objective: AnyMeasure

@@ -3,7 +3,7 @@
     minimise m₀(θ)   over   lower ≤ θ ≤ upper
     with   low_i ≤ m_i(θ) ≤ high_i,   t_j(θ) ≥ t_least,j,   what the shapes need to exist ≥ 0
 
-m are measures of how the device answers (`objective`), t its walls (`thickness`).
+m are measures of how the robot answers (`objective`), t its walls (`thickness`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.design.facing import Facing
-from softfuse.design.layout_device import device_at
+from softfuse.design.layout_model import model_at
 from softfuse.design.limits import Limit
 from softfuse.design.objective import AbstractMeasure, Answers, measured
 from softfuse.design.straining import largest_strain
@@ -66,7 +66,7 @@ def untouched(theta: Array) -> Float[Array, "1 2 2"]:
 
 
 class Watched(eqx.Module):
-    """What is watched of a device on one mesh besides its readings: the points whose motion counts, and
+    """What is watched of a robot on one mesh besides its readings: the points whose motion counts, and
     opposite walls of its cavities.
     """
 
@@ -78,10 +78,10 @@ class Watched(eqx.Module):
 class Problem:
     """A design task.
 
-    build: the device on a mesh with parameters (p,), such as `build_device` makes it; places (s, ...): where
+    build: the robot on a mesh with parameters (p,), such as `build_robot` makes it; places (s, ...): where
     it is pressed, see `Model.contact`; noise (k,) [SI]: standard deviations of readings; by_place: whether
-    it counts how readings change with the place; watch: the points of a device whose motion counts, such as
-    `MaterialPoints.embedded` finds them; follow: what else of a device follows parameters (p,) besides its
+    it counts how readings change with the place; watch: the points of a robot whose motion counts, such as
+    `MaterialPoints.embedded` finds them; follow: what else of a robot follows parameters (p,) besides its
     cavities, differentiably; guides: points (m, 3) m in the material with parameters (p,) that have to be as
     far from cavities as walls are thick, such as those of a cable; touched: information (s, 2, 2) 1/m² of
     electrodes on each place with parameters (p,), differentiable, see `sensors.place_information`.
@@ -96,8 +96,8 @@ class Problem:
     limits: tuple[Limit, ...] = ()
     walls: Walls = Walls(0.0, {})
     by_place: bool = False
-    watch: Callable[[Model], MaterialPoints | None] = lambda device: None
-    follow: Callable[[Model, Array], Model] = lambda device, theta: device
+    watch: Callable[[Model], MaterialPoints | None] = lambda model: None
+    follow: Callable[[Model, Array], Model] = lambda model, theta: model
     guides: Callable[[Array], Array] = no_guides
     touched: Callable[[Array], Array] = untouched
 
@@ -106,19 +106,19 @@ class Problem:
         """The objective, then those of the limits."""
         return (self.objective, *(limit.measure for limit in self.limits))
 
-    def watched(self, device: Model, walls: Sequence[Surface]) -> Watched:
-        """What is watched of a device whose cavities have these walls, normals into the material."""
-        facing = Facing.of(np.asarray(device.body.rest), [wall.faces for wall in walls])
-        return Watched(self.watch(device), facing)
+    def watched(self, model: Model, walls: Sequence[Surface]) -> Watched:
+        """What is watched of a robot whose cavities have these walls, normals into the material."""
+        facing = Facing.of(np.asarray(model.body.rest), [wall.faces for wall in walls])
+        return Watched(self.watch(model), facing)
 
-    def answers(self, device: Model, watched: Watched, theta: Float[Array, " p"]) -> Answers:
-        """How a device answers to the presses, with electrodes of parameters (p,); differentiable in both."""
+    def answers(self, model: Model, watched: Watched, theta: Float[Array, " p"]) -> Answers:
+        """How a robot answers to the presses, with electrodes of parameters (p,); differentiable in both."""
         if self.by_place:
-            found, by_place = place_response(device, self.places)
+            found, by_place = place_response(model, self.places)
         else:
-            found = rest_response(device, self.places)
+            found = rest_response(model, self.places)
             by_place = jnp.zeros((*found.by_force.shape, 2))
-        body, points, facing = device.body.full, watched.points, watched.facing
+        body, points, facing = model.body.full, watched.points, watched.facing
         motion = found.motion[:, :0]
         if points is not None:
             motion = jnp.einsum("ga,sgai->sgi", points.shape(body.rest), found.motion[:, points.nodes])
@@ -130,11 +130,11 @@ class Problem:
         touched = jnp.broadcast_to(self.touched(theta), (len(self.places), 2, 2))
         return Answers(found.by_force, by_place, found.softness, motion, closing, strain, noise, touched)
 
-    def answered(self, device: Model, walls: Sequence[Surface], theta: Float[np.ndarray, " p"]) -> Answers:
-        """The answers of a device whose cavities have these walls, with electrodes of parameters (p,),
+    def answered(self, model: Model, walls: Sequence[Surface], theta: Float[np.ndarray, " p"]) -> Answers:
+        """The answers of a robot whose cavities have these walls, with electrodes of parameters (p,),
         compiled for it.
         """
-        return eqx.filter_jit(self.answers)(device, self.watched(device, walls), jnp.asarray(theta))
+        return eqx.filter_jit(self.answers)(model, self.watched(model, walls), jnp.asarray(theta))
 
     def on_mesh(self, theta: Float[np.ndarray, " p"]) -> "MeshedProblem":
         """The problem on a mesh made for parameters (p,); raises MeshError where there is none."""
@@ -143,7 +143,7 @@ class Problem:
 
     @cached_property
     def measured(self) -> Callable[..., Array]:
-        """The measures (m,) of a device on a mesh, with what is watched of it and parameters (p,), one
+        """The measures (m,) of a robot on a mesh, with what is watched of it and parameters (p,), one
         program for all meshes of the same tetrahedra.
         """
         return eqx.filter_jit(self._measured)
@@ -152,16 +152,16 @@ class Problem:
     def valued(self) -> Callable[..., tuple[Array, Array]]:
         """The same and its derivatives (m, p)."""
 
-        def valued(device, mesh, watched, theta):
-            value, back = jax.vjp(lambda at: self._measured(device, mesh, watched, at), theta)
+        def valued(model, mesh, watched, theta):
+            value, back = jax.vjp(lambda at: self._measured(model, mesh, watched, at), theta)
             return value, jax.lax.map(lambda each: back(each)[0], jnp.eye(len(value)))
 
         return eqx.filter_jit(valued)
 
     def _measured(
-        self, device: Model, mesh: LayoutMesh, watched: Watched, theta: Float[Array, " p"]
+        self, model: Model, mesh: LayoutMesh, watched: Watched, theta: Float[Array, " p"]
     ) -> Float[Array, " m"]:
-        answers = self.answers(self.follow(device_at(device, mesh, theta), theta), watched, theta)
+        answers = self.answers(self.follow(model_at(model, mesh, theta), theta), watched, theta)
         return measured(self.measures, answers)
 
 
@@ -175,11 +175,11 @@ class Value:
 
 @dataclass(frozen=True, eq=False)
 class MeshedProblem:
-    """A problem whose device, built on `mesh`, follows the parameters."""
+    """A problem whose robot, built on `mesh`, follows the parameters."""
 
     problem: Problem
     mesh: LayoutMesh
-    device: Model
+    model: Model
 
     def remade(self, theta: Float[np.ndarray, " p"]) -> "MeshedProblem":
         """On a mesh made for parameters (p,), if possible of the same tetrahedra.
@@ -187,11 +187,11 @@ class MeshedProblem:
         Raises MeshError where there is none.
         """
         mesh = remade(self.mesh, theta, self.problem.fineness)
-        device = self.problem.build(mesh, theta)
+        model = self.problem.build(mesh, theta)
         if mesh.tets is self.mesh.tets:
             # The same plan, so that no program is compiled again.
-            device = eqx.tree_at(lambda each: each.linear, device, self.device.linear)
-        return MeshedProblem(self.problem, mesh, device)
+            model = eqx.tree_at(lambda each: each.linear, model, self.model.linear)
+        return MeshedProblem(self.problem, mesh, model)
 
     def measures(self, theta: Float[np.ndarray, " p"]) -> Float[np.ndarray, " m"]:
         """The measures (m,) with parameters (p,), in SI."""
@@ -203,17 +203,17 @@ class MeshedProblem:
 
     @cached_property
     def watched(self) -> Watched:
-        """What is watched of its device."""
-        return self.problem.watched(self.device, self.mesh.walls)
+        """What is watched of its robot."""
+        return self.problem.watched(self.model, self.mesh.walls)
 
     @property
     def _given(self) -> tuple[Model, LayoutMesh, Watched]:
         # A number that is no array is part of the program.
-        return self.device, replace(self.mesh, made_quality=1.0), self.watched
+        return self.model, replace(self.mesh, made_quality=1.0), self.watched
 
 
 class Geometry:
-    """What a layout has to keep and needs no device: by how much (c,) [m] walls are thicker than they must be
+    """What a layout has to keep and needs no robot: by how much (c,) [m] walls are thicker than they must be
     and guides farther from cavities, then how much room shapes have to exist; not negative where the layout
     can be made.
     """

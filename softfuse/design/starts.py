@@ -2,7 +2,7 @@
 
 From θ_r, uniform between the bounds, a start is the nearest θ, distances counted in `Parameter.scale`, whose
 walls are thick enough and whose shapes exist. Thicknesses are signed distances, so that cavities that overlap
-are pushed apart. No device is needed for that.
+are pushed apart. No robot is needed for that.
 """
 
 import numpy as np

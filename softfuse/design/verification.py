@@ -1,4 +1,4 @@
-"""What a device answers to presses of a real force, by the equilibria themselves and not by their slopes."""
+"""What a robot answers to presses of a real force, by the equilibria themselves and not by their slopes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class Pressed:
 
 
 def pressed(
-    device: Model,
+    model: Model,
     walls: Sequence[Int[np.ndarray, "f c"]],
     places: Array,
     force_N: float,
@@ -55,14 +55,14 @@ def pressed(
 
     Raises SolveError where there is no equilibrium.
     """
-    body = device.body.full
+    body = model.body.full
     facing = Facing.of(np.asarray(body.rest), walls)
-    rest = np.asarray(device.rest_state(places[:1]).drive)
-    kind = device.contacts[0]
+    rest = np.asarray(model.rest_state(places[:1]).drive)
+    kind = model.contacts[0]
     drive = np.concatenate([force_N * kind.shares, rest[kind.drives :]])
 
     def one(place: np.ndarray) -> tuple[np.ndarray, ...]:
-        answer, result = _pressed(device, facing, jnp.asarray(place), jnp.asarray(drive))
+        answer, result = _pressed(model, facing, jnp.asarray(place), jnp.asarray(drive))
         if not bool(result == RESULTS.converged):
             raise SolveError(f"no equilibrium under {force_N:g} N at {place[0].tolist()}: {RESULTS[result]}")
         seen()
@@ -73,11 +73,11 @@ def pressed(
 
 
 @eqx.filter_jit
-def _pressed(device: Model, facing: Facing, place: Array, drive: Array) -> tuple[tuple[Array, ...], RESULTS]:
-    at, body = place[None], device.body.full
-    solution = simulate(device, at, drive)
-    state, rest = solution.state, device.rest_state(at)
-    reading = device.reading(state, at) - device.reading(rest, at)
+def _pressed(model: Model, facing: Facing, place: Array, drive: Array) -> tuple[tuple[Array, ...], RESULTS]:
+    at, body = place[None], model.body.full
+    solution = simulate(model, at, drive)
+    state, rest = solution.state, model.rest_state(at)
+    reading = model.reading(state, at) - model.reading(rest, at)
     opened = facing.gaps(body.rest + body.displacement(state.z)) / facing.gaps(body.rest)
-    answer = reading, device.depth(at, state), jnp.min(opened), largest_stretch(body, state.z)
+    answer = reading, model.depth(at, state), jnp.min(opened), largest_stretch(body, state.z)
     return answer, solution.result

@@ -29,7 +29,7 @@ from softfuse.robot.file import load
 
 @dataclass(frozen=True)
 class Task:
-    """What is searched: a plan's path, absolute, and the digests of plan and device."""
+    """What is searched: a plan's path, absolute, and the digests of plan and robot."""
 
     path: str
     plan: str
@@ -85,7 +85,7 @@ _building = Lock()
 def _problem(task: Task) -> tuple[DesignPlan, Problem, Geometry]:
     """The problem with limits that are open."""
     plan = load_design(Path(task.path))
-    config = load(plan.device)
+    config = load(plan.robot)
     if (digest(plan), digest(config)) != (task.plan, task.config):
         raise SoftfuseError(f"{task.path}: a worker finds other files than here: share the folder")
     problem = build_problem(plan, searched_config(plan, config))

@@ -63,13 +63,13 @@ class Estimate:
 
 
 class Estimator:
-    """Follows the state of one device through observations; compiled when made, but where inverses are known
+    """Follows the state of one robot through observations; compiled when made, but where inverses are known
     what makes another one is compiled beside the frames that follow the first.
     """
 
     def __init__(
         self,
-        device: Model,
+        model: Model,
         limits: Limits,
         places: Array,
         settings: StepSettings = DEFAULT_STEPS,
@@ -81,14 +81,14 @@ class Estimator:
 
         Raises SolveError as `LiveStep` does.
         """
-        self.device, self.limits, self.settings = device, limits, settings
-        self.live = LiveStep(device, limits, places, settings.refinements, places_known=places_known)
+        self.model, self.limits, self.settings = model, limits, settings
+        self.live = LiveStep(model, limits, places, settings.refinements, places_known=places_known)
         self.compile_s = self.live.compile_s
         self._ready = self.live.first
         self.reset()
 
     def go_on(self, state: State | None, places: Array, ready: Ready | None = None) -> None:
-        """Go on from a state, None for rest, under contacts at `places` (c, ...), of the device or of
+        """Go on from a state, None for rest, under contacts at `places` (c, ...), of the robot or of
         another one that was made `ready`.
         """
         self._ready = ready or self._ready
@@ -107,7 +107,7 @@ class Estimator:
 
     def displacement(self) -> Float[np.ndarray, "k 3"]:
         """Displacements (k, 3) m of all nodes after the last frame."""
-        return np.asarray(self.device.body.displacement(self.state.z))
+        return np.asarray(self.model.body.displacement(self.state.z))
 
     def update(self, seen: Observation, limits: Limits | None = None) -> Estimate:
         """Advance by a frame's observation within this frame's limits; never raises for what they contain."""

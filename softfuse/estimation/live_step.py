@@ -57,7 +57,7 @@ class _After(NamedTuple):
 
 
 class Ready(NamedTuple):
-    """A device as the compiled programs want it: its arrays, the step of it, and how it rests."""
+    """A robot as the compiled programs want it: its arrays, the step of it, and how it rests."""
 
     arrays: Model
     step: Callable[[Carried, Packed], _After]
@@ -69,27 +69,27 @@ def _rest(static: Model, arrays: Model, places: Array) -> State:
 
 
 def _begun(static: Model, arrays: Model, state: State, places: Array) -> Carried:
-    device = eqx.combine(arrays, static)
-    factor = device.linear.factor(loaded_tangents(device.body, device.loads(places), state))
-    return Carried(state, factor, state.z, device.body.residual(state.z))
+    model = eqx.combine(arrays, static)
+    factor = model.linear.factor(loaded_tangents(model.body, model.loads(places), state))
+    return Carried(state, factor, state.z, model.body.residual(state.z))
 
 
 def _known(static: Model, arrays: Model, state: State, places: Array) -> Carried:
     del places
-    device = eqx.combine(arrays, static)
+    model = eqx.combine(arrays, static)
     rest = jnp.zeros_like(state.z)
-    return Carried(state, device.linear.at_rest(), rest, device.body.residual(state.z))
+    return Carried(state, model.linear.at_rest(), rest, model.body.residual(state.z))
 
 
 def _stepped(
     fixed: tuple[Model, int, Packing, Packing], arrays: Model, carried: Carried, frame: Packed
 ) -> _After:
     static, refinements, frames, reports = fixed
-    device = eqx.combine(arrays, static)
+    model = eqx.combine(arrays, static)
     limits, seen = frames.unpack(frame)
-    factor = device.linear.near(carried.factor, carried.made_at, carried.state.z)
+    factor = model.linear.near(carried.factor, carried.made_at, carried.state.z)
     after, report = estimate_step(
-        device,
+        model,
         limits,
         factor,
         carried.state,
@@ -97,37 +97,37 @@ def _stepped(
         refinements=refinements,
         resistance=carried.resistance,
     )
-    resistance = device.body.residual(after.z)
+    resistance = model.body.residual(after.z)
     if refinements == 0:
-        left = _left_to_do(device, factor, carried.state, after, resistance, seen.places)
+        left = _left_to_do(model, factor, carried.state, after, resistance, seen.places)
         report = report._replace(contraction=left)
     told = reports.pack(Stepped(after.drive, report))
     return _After(after, resistance, told)
 
 
 def _left_to_do(
-    device: Model, factor: PyTree[Array], before: State, after: State, resistance: Array, places: Array
+    model: Model, factor: PyTree[Array], before: State, after: State, resistance: Array, places: Array
 ) -> Float[Array, ""]:
     # How far a step would go to balance what the one before it left out of balance, as a part of that one.
-    left = resistance - device.loads(places).push(device.body, after.z, after.force)
-    again = device.linear.solve(factor, left[:, None])[:, 0]
+    left = resistance - model.loads(places).push(model.body, after.z, after.force)
+    again = model.linear.solve(factor, left[:, None])[:, 0]
     gone = jnp.linalg.norm(after.z - before.z)
     return jnp.linalg.norm(again) / (gone + _LEAST_MOTION * jnp.linalg.norm(after.z) + _NO_MOTION)
 
 
 class LiveStep:
-    """The programs of devices of one structure and size; compiled when made."""
+    """The programs of robots of one structure and size; compiled when made."""
 
     def __init__(
-        self, device: Model, limits: Limits, places: Array, refinements: int, *, places_known: bool = True
+        self, model: Model, limits: Limits, places: Array, refinements: int, *, places_known: bool = True
     ):
         """Compile for as many contacts as there are `places` (c, ...), wherever they are, and for
-        observations whose `places_known` are exact or have a prior; `first` is the device, made ready.
+        observations whose `places_known` are exact or have a prior; `first` is the robot, made ready.
 
         Raises SolveError when the body's tangent at rest is singular, or when the limits are for another
         number of drives than contacts and attached loads have.
         """
-        arrays, static = _split(device)
+        arrays, static = _split(model)
         self._static, self.places = static, places
         started = time.perf_counter()
         # XLA compiles the smaller programs on another thread while the step is traced on this one.
@@ -140,12 +140,12 @@ class LiveStep:
                     f"{limits.upper.shape[0]} limits for {drive.shape[0]} drives: give one for each "
                     "contact, then for each attached load"
                 )
-            readings = jnp.zeros(device.n_readings)
-            white = jnp.zeros((device.n_readings, device.n_readings))
+            readings = jnp.zeros(model.n_readings)
+            white = jnp.zeros((model.n_readings, model.n_readings))
             self._prior = None if places_known else _all_known(places)
             seen = Observation(readings, white, places, self._prior)
             self._frames = Packing.of((limits, seen))
-            self._reports = Packing.of(_report_like(device, drive, seen))
+            self._reports = Packing.of(_report_like(model, drive, seen))
             on = lowered(_known if static.linear.knows else _begun, static, arrays, rest.result, places)
             goes_on = aside.submit(on.compile)
             fixed = static, 0 if static.linear.knows else refinements, self._frames, self._reports
@@ -156,14 +156,14 @@ class LiveStep:
         self.first = self._ready(arrays, self._rest(arrays, places))
         self.compile_s = time.perf_counter() - started
 
-    def ready(self, device: Model) -> Ready:
-        """Another device of the same structure and size, prepared for the same programs.
+    def ready(self, model: Model) -> Ready:
+        """Another robot of the same structure and size, prepared for the same programs.
 
         Raises SolveError when it has another structure, or its tangent at rest is singular.
         """
-        arrays, static = _split(device)
+        arrays, static = _split(model)
         if static != self._static:
-            raise SolveError("a device of another structure needs an estimator of its own")
+            raise SolveError("a robot of another structure needs an estimator of its own")
         return self._ready(arrays, self._rest(arrays, self.places))
 
     def prepare_begin(self) -> None:
@@ -204,9 +204,9 @@ class LiveStep:
         return Ready(arrays, self._step.bound(arrays), carried)
 
 
-def _split(device: Model) -> tuple[Model, Model]:
+def _split(model: Model) -> tuple[Model, Model]:
     # Each step refines what it solves for, so a rough factor serves.
-    rough = replace(device, body=device.body.rough(), linear=device.linear.rough())
+    rough = replace(model, body=model.body.rough(), linear=model.linear.rough())
     return eqx.partition(rough, eqx.is_array)
 
 
@@ -216,9 +216,9 @@ def _all_known(places: Array) -> PlacePrior:
     return PlacePrior(each, np.zeros((each.size, each.size)), each, each)
 
 
-def _report_like(device: Model, drive: jax.ShapeDtypeStruct, seen: Observation) -> Stepped:
+def _report_like(model: Model, drive: jax.ShapeDtypeStruct, seen: Observation) -> Stepped:
     """What `Stepped` is like, by shapes."""
-    k, drives = device.n_readings, drive.shape[0]
+    k, drives = model.n_readings, drive.shape[0]
     offset = None if seen.prior is None else seen.prior.offset
     unknowns = drives + (0 if offset is None else offset.size)
     number = jnp.zeros(())

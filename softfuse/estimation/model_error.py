@@ -26,7 +26,7 @@ _LEAST_STROKE_M = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class ReadingSpread:
-    """By how much readings are uncertain because a device's parameters are: of one contact at each place of a
+    """By how much readings are uncertain because a robot's parameters are: of one contact at each place of a
     grid of x (a,) and y (b,) [m], over its force: `by_parameters` (a, b, k, p): A [1/N]; readings in SI.
 
     Parameters of covariance B Bᵀ, on which readings depend with slopes J (k, p), make them uncertain by A Aᵀ,
@@ -70,9 +70,9 @@ def write_spread(path: Path, spread: ReadingSpread, **others: np.ndarray) -> Non
 
 
 def read_spread(path: Path, readings: int) -> ReadingSpread:
-    """The spread in a file, of a device with so many readings.
+    """The spread in a file, of a robot with so many readings.
 
-    Raises SoftfuseError, which names the file, when it holds none, or another device's.
+    Raises SoftfuseError, which names the file, when it holds none, or another robot's.
     """
     try:
         with np.load(path, allow_pickle=False) as arrays:
@@ -149,7 +149,7 @@ class ModelError:
 
 AS_DRAWN = ModelError(part=0.1, alike=0.2)
 """Of a model that has not been compared with presses: silicones of one name differ more, but who makes a
-device measures its modulus.
+robot measures its modulus.
 """
 
 

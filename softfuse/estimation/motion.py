@@ -1,4 +1,4 @@
-"""How a device's state moves: to equilibrium, with each drive, and with each contact's place.
+"""How a robot's state moves: to equilibrium, with each drive, and with each contact's place.
 
 At a state the body is linearised, the loads find their forces x on it at unchanged drives u (`interface`),
 and the linear system around them,
@@ -60,7 +60,7 @@ class Motion(NamedTuple):
 
 
 def motion(
-    device: Model,
+    model: Model,
     inverse: Solve,
     state: State,
     places: Array,
@@ -74,7 +74,7 @@ def motion(
 
     Where `by_place` is an array, motions with places are there in any case, all 0 where it is false.
     """
-    body, loads = device.body, device.loads(places)
+    body, loads = model.body, model.loads(places)
     linear = linearise(body, loads, inverse, state, resistance)
     held = linear.held
     settled, y = settled_on(linear, state)
@@ -103,7 +103,7 @@ def motion(
         there = State(state.z + corrected, *x, state.drive)
         push, law = jax.lax.cond(
             by_place,
-            lambda: _by_place(device, places, linear, there),
+            lambda: _by_place(model, places, linear, there),
             lambda: (jnp.zeros((body.n, 2 * len(places))), jnp.zeros((len(unmet), 2 * len(places)))),
         )
         alone = jnp.concatenate([alone, inverse(push)], axis=1)
@@ -130,15 +130,15 @@ def _moved(state: State, dz: Float[Array, " n"], dx: Float[Array, " r"]) -> Stat
 
 
 def _by_place(
-    device: Model, places: Float[Array, "c 3 3"], linear: Linearised, settled: State
+    model: Model, places: Float[Array, "c 3 3"], linear: Linearised, settled: State
 ) -> tuple[Float[Array, "n 2c"], Float[Array, "r 2c"]]:
     """∂(G_f f)/∂p and −∂E/∂p of places along their tangents."""
 
     def loaded(along):
-        loads = device.loads(moved(places, along))
-        held, y = HeldLoads(loads, linear.held.at), loads.values(device.body, settled.z)
+        loads = model.loads(moved(places, along))
+        held, y = HeldLoads(loads, linear.held.at), loads.values(model.body, settled.z)
         law = held.equations(settled.force, settled.internal, y, settled.drive)
-        return loads.push(device.body, settled.z, settled.force), -law
+        return loads.push(model.body, settled.z, settled.force), -law
 
     push, law = jax.jacfwd(loaded)(jnp.zeros((len(places), 2)))
     return push.reshape(len(push), -1), law.reshape(len(law), -1)

@@ -2,7 +2,7 @@
 
 u* = argmin |L⁻¹ (s(u) − s_measured)|², u_min ≤ u ≤ u_max, with s(u) through the full equilibrium, S = L Lᵀ,
 by Gauss-Newton steps on W = jacfwd s. On the unbounded drives h(u, θ) = Wᵀ S⁻¹ (s − s_measured) = 0 holds for
-all θ, hence du = −(∂h/∂u)⁻¹ ∂h/∂θ dθ: exact in every parameter θ of device, measurement and place, second
+all θ, hence du = −(∂h/∂u)⁻¹ ∂h/∂θ dθ: exact in every parameter θ of robot, measurement and place, second
 derivatives of the body included.
 """
 
@@ -35,9 +35,9 @@ class _Misfit(NamedTuple):
     slope: Float[Array, " D"]
 
 
-def _misfit(device: Model, seen: Observation, start: State, drive: Float[Array, " D"]) -> _Misfit:
+def _misfit(model: Model, seen: Observation, start: State, drive: Float[Array, " D"]) -> _Misfit:
     def read(given):
-        value = device.reading(simulate(device, seen.places, given, start).state, seen.places)
+        value = model.reading(simulate(model, seen.places, given, start).state, seen.places)
         return value, value
 
     # One equilibrium for both.
@@ -46,12 +46,12 @@ def _misfit(device: Model, seen: Observation, start: State, drive: Float[Array, 
 
 
 @eqx.filter_custom_jvp
-def _converged(device: Model, seen: Observation, limits: Limits, start: State, steps: int) -> Converged:
+def _converged(model: Model, seen: Observation, limits: Limits, start: State, steps: int) -> Converged:
     tolerance = 1e-9 * (limits.upper - limits.lower)
 
     def improve(carry):
         drive, _, count = carry
-        at = _misfit(device, seen, start, drive)
+        at = _misfit(model, seen, start, drive)
         whitened = seen.whitening @ at.compliance
         q = whitened.T @ whitened + jnp.diag(limits.regularisation)
         change, _ = solve_bounded_qp(q, -at.slope, limits.lower - drive, limits.upper - drive)
@@ -64,15 +64,15 @@ def _converged(device: Model, seen: Observation, limits: Limits, start: State, s
 
 @_converged.def_jvp
 def _converged_jvp(primals, tangents):
-    device, seen, limits, start, steps = primals
-    found = _converged(device, seen, limits, start, steps)
-    device_dot, seen_dot, _, _, _ = tangents
+    model, seen, limits, start, steps = primals
+    found = _converged(model, seen, limits, start, steps)
+    model_dot, seen_dot, _, _, _ = tangents
     drive = found.drive
     free = (drive > limits.lower) & (drive < limits.upper)
     _, slope_dot = eqx.filter_jvp(
-        lambda device, seen: _misfit(device, seen, start, drive).slope, (device, seen), (device_dot, seen_dot)
+        lambda model, seen: _misfit(model, seen, start, drive).slope, (model, seen), (model_dot, seen_dot)
     )
-    curvature = jax.jacfwd(lambda u: _misfit(device, seen, start, u).slope)(drive)
+    curvature = jax.jacfwd(lambda u: _misfit(model, seen, start, u).slope)(drive)
     matrix = jnp.where(free[:, None] & free, curvature, 0.0) + jnp.diag(jnp.where(free, 0.0, 1.0))
     drive_dot = -jnp.linalg.solve(matrix, jnp.where(free, slope_dot, 0.0))
     none = jax.tree.map(lambda _: None, found)
@@ -80,11 +80,11 @@ def _converged_jvp(primals, tangents):
 
 
 def nonlinear_estimate(
-    device: Model, limits: Limits, start: State, seen: Observation, *, steps: int = 25
+    model: Model, limits: Limits, start: State, seen: Observation, *, steps: int = 25
 ) -> Converged:
-    """The drives that explain an observation best, its places taken to be known; differentiable in device and
+    """The drives that explain an observation best, its places taken to be known; differentiable in robot and
     observation at constant cost in `steps`.
 
-    `start`: an equilibrium to search from. The shape is `simulate(device, seen.places, drive).state`.
+    `start`: an equilibrium to search from. The shape is `simulate(robot, seen.places, drive).state`.
     """
-    return _converged(device, seen, limits, start, steps)
+    return _converged(model, seen, limits, start, steps)

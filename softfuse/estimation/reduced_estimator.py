@@ -47,7 +47,7 @@ class _Aside(NamedTuple):
 
 
 class ReducedEstimator:
-    """Follows the state of a device with an atlas through observations; compiled when made."""
+    """Follows the state of a robot with an atlas through observations; compiled when made."""
 
     def __init__(
         self,
@@ -64,8 +64,8 @@ class ReducedEstimator:
 
         Raises SolveError as `Estimator` does, and SoftfuseError when the first chart cannot be read.
         """
-        self.device, self.limits, self._atlas = atlas.full, limits, atlas
-        self._small = Estimator(atlas.chart(0).device, limits, places, settings, places_known=places_known)
+        self.model, self.limits, self._atlas = atlas.full, limits, atlas
+        self._small = Estimator(atlas.chart(0).model, limits, places, settings, places_known=places_known)
         self.compile_s = self._small.compile_s
         self._places, self._settings, self._places_known = places, settings, places_known
         self._ready: dict[int, Ready | None] = {}
@@ -110,13 +110,13 @@ class ReducedEstimator:
             return self._prepare().full.result().state
         if self._number is None:
             rest = self._small.live.first.rest.state
-            return replace(rest, z=jax.device_put(np.zeros(self.device.body.n)))
+            return replace(rest, z=jax.device_put(np.zeros(self.model.body.n)))
         return self._whole(self._number, self._small.state)
 
     def displacement(self) -> Float[np.ndarray, "k 3"]:
         """Displacements (k, 3) m of all nodes after the last frame."""
         if self._on_full or self._number is None:
-            body, z = self.device.body.full, np.asarray(self.state.z)
+            body, z = self.model.body.full, np.asarray(self.state.z)
             return of_nodes(body, np.arange(body.n_nodes), z[: body.n_displacements, None])[:, :, 0]
         return self._atlas.chart(self._number).displacement(np.asarray(self._small.state.z))
 
@@ -188,12 +188,12 @@ class ReducedEstimator:
 
     def _told_by_last(self, kept: Kept, z: Float[np.ndarray, " r"]) -> float:
         """The largest displacement [m] that a chart's last modes make at amplitudes z (r,)."""
-        return float(np.max(np.abs(kept.displacement(z, kept.device.body.last_modes))))
+        return float(np.max(np.abs(kept.displacement(z, kept.model.body.last_modes))))
 
     def _near(self, number: int, z: Float[np.ndarray, " r"], whole: Float[np.ndarray, " n"]) -> bool:
         """Whether a chart at amplitudes z (r,) comes near enough to the full body's unknowns (n,)."""
         kept, most = self._atlas.chart(number), _BACK * MOST_TRUNCATION
-        truncation = float(kept.device.body.truncation(z))
+        truncation = float(kept.model.body.truncation(z))
         if not (truncation <= most or self._told_by_last(kept, z) <= _BACK * _UNSEEN_M):
             return False
         stiffness = self._prepare().stiffness.result()
@@ -206,7 +206,7 @@ class ReducedEstimator:
         """A chart, ready for live steps; None for one whose file is gone or damaged by now."""
         if number not in self._ready:
             try:
-                self._ready[number] = self._small.live.ready(self._atlas.chart(number).device)
+                self._ready[number] = self._small.live.ready(self._atlas.chart(number).model)
             except SoftfuseError as error:
                 log.warning("the full body is used there: %s", error)
                 self._ready[number] = None

@@ -1,4 +1,4 @@
-"""How a device answers to small presses at many places: what sensors read, and how far it gives way.
+"""How a robot answers to small presses at many places: what sensors read, and how far it gives way.
 
 A press with a small force F at a place p changes readings by F w(p), w = ∂s/∂F, and moves the body by F v(p).
 With H(θ, y) = 0 the balance and the laws of the loads (`newton`), of states y = (z, x), the answer ẏ per
@@ -6,8 +6,8 @@ newton obeys
 
     H_y(θ) ẏ + H_F = 0.
 
-All places share one factor of the tangent stiffness. Derivatives in the device θ, so also in its rest nodes,
-are those of ẏ₀ − M⁻¹ (H_y(θ) ẏ₀ + H_F), M = H_y of the device as it is: the value is that of ẏ₀, and no
+All places share one factor of the tangent stiffness. Derivatives in the robot θ, so also in its rest nodes,
+are those of ẏ₀ − M⁻¹ (H_y(θ) ẏ₀ + H_F), M = H_y of the robot as it is: the value is that of ẏ₀, and no
 solve is differentiated.
 """
 
@@ -42,32 +42,30 @@ class RestResponse(eqx.Module):
 
 
 @eqx.filter_jit
-def rest_response(device: Model, places: Array) -> RestResponse:
+def rest_response(model: Model, places: Array) -> RestResponse:
     """The answers to contacts at places (s, 3, 3), see `Model`; one newton each, in equal parts on the
-    patches of an electrode. Differentiable once in the device.
+    patches of an electrode. Differentiable once in the robot.
     """
-    still, inverse = _still(device, places)
+    still, inverse = _still(model, places)
 
     def one(place):
-        press = Press.at(device, still, inverse, place, still.rest_state(()))
+        press = Press.at(model, still, inverse, place, still.rest_state(()))
         return press.felt(press.answer())
 
     return jax.lax.map(one, places)
 
 
 @eqx.filter_jit
-def place_response(
-    device: Model, places: Float[Array, "s 3 3"]
-) -> tuple[RestResponse, Float[Array, "s k 2"]]:
+def place_response(model: Model, places: Float[Array, "s 3 3"]) -> tuple[RestResponse, Float[Array, "s k 2"]]:
     """`rest_response` to contacts at places (s, 3, 3), and how `by_force` changes with the place along its
-    tangents, ∂w/∂p (s, k, 2) [reading's SI unit/(N m)]; both differentiable once in the device.
+    tangents, ∂w/∂p (s, k, 2) [reading's SI unit/(N m)]; both differentiable once in the robot.
 
     With p the place, H_y ∂ẏ/∂p + (∂H_y/∂p) ẏ = 0.
     """
-    still, inverse = _still(device, places)
+    still, inverse = _still(model, places)
 
     def one(place):
-        press = Press.at(device, still, inverse, place, still.rest_state(()))
+        press = Press.at(model, still, inverse, place, still.rest_state(()))
         answer = press.answer()
         turned = [press.felt(press.moved(answer, axis)).by_force for axis in jnp.eye(2)]
         return press.felt(answer), jnp.stack(turned, axis=-1)
@@ -75,16 +73,16 @@ def place_response(
     return jax.lax.map(one, places)
 
 
-def _still(device: Model, places: Array) -> tuple[Model, Solve]:
-    """The device without derivatives, and K⁻¹ at rest."""
-    still, first = jax.lax.stop_gradient((device, places[:1]))
+def _still(model: Model, places: Array) -> tuple[Model, Solve]:
+    """The robot without derivatives, and K⁻¹ at rest."""
+    still, first = jax.lax.stop_gradient((model, places[:1]))
     return still, tangent_at(still.linear, still.body, still.loads(first), still.rest_state(first))
 
 
 class Press(eqx.Module):
-    """A press on a device, under the weight of what presses, which tells what touches; M: `system`."""
+    """A press on a robot, under the weight of what presses, which tells what touches; M: `system`."""
 
-    device: Model
+    model: Model
     place: Array
     state: State
     system: Coupled
@@ -92,8 +90,8 @@ class Press(eqx.Module):
     inverse: Solve
 
     @classmethod
-    def at(cls, device: Model, still: Model, inverse: Solve, place: Array, held: State) -> "Press":
-        """On a device in the state `held`; `still`: the same without derivatives, `inverse`: K⁻¹ there."""
+    def at(cls, model: Model, still: Model, inverse: Solve, place: Array, held: State) -> "Press":
+        """On a robot in the state `held`; `still`: the same without derivatives, `inverse`: K⁻¹ there."""
         loads = still.loads(place[None])
         begun = zip(loads.parts[0].start(), (held.force, held.internal, held.drive), strict=True)
         rest = State(held.z, *(jnp.concatenate(each) for each in begun))
@@ -101,11 +99,11 @@ class Press(eqx.Module):
         settled, y = settled_on(linear, rest)
         slope = slopes(linear.held, (settled.force, settled.internal), y, rest.drive)
         state = State(held.z + linear.step(settled.force), settled.force, settled.internal, rest.drive)
-        return cls(device, place, state, coupled(loads, linear, slope), loads.supports, inverse)
+        return cls(model, place, state, coupled(loads, linear, slope), loads.supports, inverse)
 
     def answer(self) -> State:
         """ẏ per newton."""
-        kind = self.device.contacts[0]
+        kind = self.model.contacts[0]
         press = jnp.zeros_like(self.state.drive).at[: kind.drives].set(kind.shares)
         none = jnp.zeros_like(self.state.z)
         begun = self._solved(none, -self.system.slope.drive @ press)
@@ -133,8 +131,8 @@ class Press(eqx.Module):
         at = self.place[None]
 
         def feel(state):
-            device = self.device
-            return device.reading(state, at), device.depth(at, state), device.body.displacement(state.z)
+            model = self.model
+            return model.reading(state, at), model.depth(at, state), model.body.displacement(state.z)
 
         return RestResponse(*jax.jvp(feel, (self.state,), (along,))[1])
 
@@ -142,10 +140,10 @@ class Press(eqx.Module):
         """H_y ẏ: of the balance and of the laws."""
 
         def unmet(state):
-            loads = self.device.loads(place[None])
-            values = loads.values(self.device.body, state.z)
+            loads = self.model.loads(place[None])
+            values = loads.values(self.model.body, state.z)
             law = loads.equations(state.force, state.internal, values, state.drive)
-            return unbalanced(self.device.body, loads, state), law
+            return unbalanced(self.model.body, loads, state), law
 
         return jax.jvp(unmet, (self.state,), (along,))[1]
 

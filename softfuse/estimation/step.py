@@ -115,25 +115,25 @@ class StepReport(NamedTuple):
     truncation: Float[Array | np.ndarray, ""]
 
 
-def strokes(device: Model, loads: Loads, state: State) -> Float[Array, " D"]:
+def strokes(model: Model, loads: Loads, state: State) -> Float[Array, " D"]:
     """What answers each drive (D,) in a state: see `AbstractLoad.conjugate`."""
-    return loads.conjugate(state.force, state.internal, loads.values(device.body, state.z))
+    return loads.conjugate(state.force, state.internal, loads.values(model.body, state.z))
 
 
 def _place_rows(
-    device: Model, sigma: Float[Array, ""], places: Array, drive: Float[Array, " D"]
+    model: Model, sigma: Float[Array, ""], places: Array, drive: Float[Array, " D"]
 ) -> Float[Array, "c D"]:
     """Rows A (c, D): A u is how far from its middle each contact presses, in standard deviations."""
-    adding = device.adding(len(places))
+    adding = model.adding(len(places))
     contacts, forces = adding.shape
-    arms = jnp.concatenate([kind.arms for kind in device.kinds(contacts)])
+    arms = jnp.concatenate([kind.arms for kind in model.kinds(contacts)])
     force = adding @ drive[:forces]
     rows = adding * arms / (sigma * jnp.maximum(force, _LEAST_FORCE_N))[:, None]
     return jnp.zeros((contacts, drive.shape[0])).at[:, :forces].set(rows)
 
 
 def advance(
-    device: Model,
+    model: Model,
     limits: Limits,
     inverse: Solve,
     state: State,
@@ -147,7 +147,7 @@ def advance(
     """
     prior, drives = seen.prior, state.drive.shape[0]
     moving = motion(
-        device,
+        model,
         inverse,
         state,
         seen.places,
@@ -155,7 +155,7 @@ def advance(
         refinements=refinements,
         resistance=resistance,
     )
-    value, w = moving.derivative(lambda s: device.reading(s, seen.places))
+    value, w = moving.derivative(lambda s: model.reading(s, seen.places))
     innovation = seen.reading - value
     # Drives and places change by `scale` @ x − `back`, x = (Δu, η).
     unknowns = w.shape[1]
@@ -172,8 +172,8 @@ def advance(
         ends = (jnp.ravel(end) + back[drives:] for end in (prior.low, prior.high))
         rows = rows.joined(Rows(scale[drives:], *ends))
     if limits.strokes is not None:
-        loads = device.loads(seen.places)
-        stroke, turn = moving.derivative(lambda s: strokes(device, loads, s))
+        loads = model.loads(seen.places)
+        stroke, turn = moving.derivative(lambda s: strokes(model, loads, s))
         ends = (bound - stroke + turn @ back for bound in limits.strokes)
         rows = rows.joined(Rows(turn @ scale, *ends))
     whitened = seen.whitening @ w @ scale
@@ -181,13 +181,13 @@ def advance(
     hessian = whitened.T @ whitened + jnp.diag(damping)
     b = whitened.T @ seen.heard(innovation + w @ back)
     if limits.place is not None:
-        around = _place_rows(device, limits.place, seen.places, state.drive)
+        around = _place_rows(model, limits.place, seen.places, state.drive)
         off, around = around @ state.drive, jnp.pad(around, ((0, 0), (0, unknowns - drives)))
         hessian, b = hessian + around.T @ around, b - around.T @ off
     found, kkt = solve_bounded_qp(hessian, b, low, high, rows)
     change, taken = scale @ found - back, jnp.ones(())
     if limits.motion is not None:
-        farthest = jnp.max(jnp.abs(device.body.motion(moving.dz @ change)))
+        farthest = jnp.max(jnp.abs(model.body.motion(moving.dz @ change)))
         taken = 1.0 / jnp.maximum(1.0, farthest / limits.motion)
     change = taken * change
     after = moving.after(change)
@@ -199,15 +199,15 @@ def advance(
         None if prior is None else (back + change)[drives:].reshape(prior.offset.shape),
         kkt,
         taken,
-        jnp.max(jnp.abs(device.body.forces(moving.unbalanced))),
+        jnp.max(jnp.abs(model.body.forces(moving.unbalanced))),
         moving.contraction,
-        jnp.min(device.body.volume_ratios(after.z)).astype(float),
-        device.body.truncation(after.z),
+        jnp.min(model.body.volume_ratios(after.z)).astype(float),
+        model.body.truncation(after.z),
     )
 
 
 def estimate_step(
-    device: Model,
+    model: Model,
     limits: Limits,
     factor: PyTree[Array],
     state: State,
@@ -219,20 +219,20 @@ def estimate_step(
     """The live step: an `advance` with a factor of a nearby tangent, by its solver. Pure; compiled once."""
 
     def inverse(b):
-        return device.linear.solve(factor, b)
+        return model.linear.solve(factor, b)
 
-    return advance(device, limits, inverse, state, seen, refinements=refinements, resistance=resistance)
+    return advance(model, limits, inverse, state, seen, refinements=refinements, resistance=resistance)
 
 
 def exact_steps(
-    device: Model, limits: Limits, state: State, seen: Observation, *, steps: int
+    model: Model, limits: Limits, state: State, seen: Observation, *, steps: int
 ) -> tuple[State, StepReport]:
     """`steps` estimate steps, each with its state's tangent; differentiable in everything, through all."""
 
     def step(carry, _):
         state, seen = carry
-        inverse = tangent_at(device.linear, device.body, device.loads(seen.places), state)
-        state, report = advance(device, limits, inverse, state, seen, refinements=0)
+        inverse = tangent_at(model.linear, model.body, model.loads(seen.places), state)
+        state, report = advance(model, limits, inverse, state, seen, refinements=0)
         return (state, seen.found_at(report.offset)), report
 
     (state, _), reports = jax.lax.scan(step, (state, seen), length=steps)

@@ -82,7 +82,7 @@ class Tracked:
     as far as that leaves open, as the readings tell, NaN where unknown; `location_sigma_m` (c, 2): standard
     deviations along the tangents, NaN where unknown; `contact_force_N` (c,): NaN where unknown, 0 where
     nothing touches; `force_covariance_N2` (c, c): see `posterior_covariance`, NaN where the force is;
-    `places` (c, 3, 3): where the device's contact was taken to press; `covariance` (m, m): of all drives in
+    `places` (c, 3, 3): where the robot's contact was taken to press; `covariance` (m, m): of all drives in
     their units, then of places along their tangents [m], if readings may tell them; `attached`
     (a,): what the attached loads are driven with; `reading`, `sigma` (k,): measured, and which count, `valid`
     (k,); `misfit` (k,): measured minus modelled, NaN without an estimate and where a reading took no part;

@@ -91,15 +91,15 @@ class Tracker:
         self.compile_s = time.perf_counter() - started
         self._limits, self._upper = limits, np.asarray(limits.upper)
         self._lower = np.asarray(limits.lower)
-        self.adding = self.estimator.device.adding(count)
+        self.adding = self.estimator.model.adding(count)
         """(c, F): a contact's forces along its normal together, of its drives, which are the first F."""
-        self._owning = self.estimator.device.owning(count)
+        self._owning = self.estimator.model.owning(count)
         self._split = self.adding.shape[1]
         self._unseen = UnseenTouch(robot, self.estimator, self.drive_range[self._split :])
         self.drift = robot.suite.drift
         """How readings drift while something presses; None where they do not."""
         free = self._upper[self._split :] > self._lower[self._split :]
-        answered = self.estimator.device.answered
+        answered = self.estimator.model.answered
         self._strokes = np.flatnonzero((answered >= 0) & np.append(free, False)[answered])
         self._commanded = np.array([command.drive for command in robot.commands], int) + self._split
         self._of_answer = np.array([command.of_answer for command in robot.commands], bool)
@@ -128,7 +128,7 @@ class Tracker:
         """Forget the past: nothing has been read, nothing touches."""
         self._suite.reset()
         self._stroke, self._seen_s, self._begun_s = 0.0, -np.inf, np.inf
-        readings = self.estimator.device.n_readings
+        readings = self.estimator.model.n_readings
         self._offset = ModelOffset.none(readings)
         self._force_N = np.zeros(len(self.adding))
         self._unseen.reset()

@@ -57,28 +57,28 @@ def posterior_covariance(found: Estimate, limits: Limits) -> Float[np.ndarray, "
 
 
 def displacement_sigma(
-    device: Model, state: State, places: Array | np.ndarray, covariance: Float[np.ndarray, "m m"]
+    model: Model, state: State, places: Array | np.ndarray, covariance: Float[np.ndarray, "m m"]
 ) -> Float[np.ndarray, "k 3"]:
     """Standard deviations (k, 3) m of the nodes' displacements along x, y and z in a state, under contacts at
     places (c, 3, 3), of a covariance (m, m) of its drives and then, if larger, of places along tangents.
     """
     by_place = len(covariance) > len(state.drive)
-    moved = np.asarray(_columns(device, state, jnp.asarray(places), by_place))
+    moved = np.asarray(_columns(model, state, jnp.asarray(places), by_place))
     variance = np.einsum("mki,mn,nki->ki", moved, covariance, moved)
     return np.sqrt(np.maximum(variance, 0.0))
 
 
 @eqx.filter_jit
-def _columns(device: Model, state: State, places: Array, by_place: bool) -> Float[Array, "m k 3"]:
+def _columns(model: Model, state: State, places: Array, by_place: bool) -> Float[Array, "m k 3"]:
     """How the nodes move (m, k, 3) with each drive and place."""
-    inverse = tangent_at(device.linear, device.body, device.loads(places), state)
-    moving = motion(device, inverse, state, places, by_place=by_place, refinements=0)
-    return jax.vmap(device.body.displacement, 1)(moving.dz)
+    inverse = tangent_at(model.linear, model.body, model.loads(places), state)
+    moving = motion(model, inverse, state, places, by_place=by_place, refinements=0)
+    return jax.vmap(model.body.displacement, 1)(moving.dz)
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """How a device answers to s presses, one at a time: readings (s, k) in SI, `by_force` (s, k) [1/N], and
+    """How a robot answers to s presses, one at a time: readings (s, k) in SI, `by_force` (s, k) [1/N], and
     `by_place` (s, k, 2) [1/m] along the tangents of the surface.
     """
 
@@ -103,7 +103,7 @@ class Observability:
 
 
 def response(
-    device: Model,
+    model: Model,
     places: Float[np.ndarray, "s 3 3"],
     force_N: float,
     *,
@@ -114,12 +114,12 @@ def response(
 
     Raises SolveError when a press has no equilibrium.
     """
-    (kind,) = device.kinds(1)
-    others = np.asarray(device.rest_state(jnp.asarray(places[:1])).drive)[kind.drives :]
+    (kind,) = model.kinds(1)
+    others = np.asarray(model.rest_state(jnp.asarray(places[:1])).drive)[kind.drives :]
 
     def one(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         drive = np.concatenate([force_N * kind.shares, others])
-        (by_place, by_drive), (reading, result) = _slopes(device, place, drive)
+        (by_place, by_drive), (reading, result) = _slopes(model, place, drive)
         if not bool(result == RESULTS.converged):
             at = ", ".join(f"{1e3 * x:.1f}" for x in place[0])
             raise SolveError(f"no equilibrium at {force_N:g} N on ({at}) mm: {RESULTS[result]}")
@@ -131,11 +131,11 @@ def response(
 
 
 @eqx.filter_jit
-def _slopes(device: Model, place: Any, drive: Any) -> Any:
+def _slopes(model: Model, place: Any, drive: Any) -> Any:
     def read(offset, drive):
         at = moved(jnp.asarray(place), offset)[None]
-        solution = simulate(device, at, drive)
-        reading = device.reading(solution.state, at)
+        solution = simulate(model, at, drive)
+        reading = model.reading(solution.state, at)
         return reading, (reading, solution.result)
 
     return jax.jacrev(read, argnums=(0, 1), has_aux=True)(jnp.zeros(2), jnp.asarray(drive))

@@ -181,7 +181,7 @@ class UnseenTouch:
         """`attached_range` (a,): how far what is attached, such as actuators, may be driven, in its units."""
         self._robot, self._estimator, self._range = robot, estimator, attached_range
         self._touch, self._pattern = TouchByReadings(), None
-        self._readings = estimator.device.n_readings
+        self._readings = estimator.model.n_readings
         self.alone = bool(robot.unseen.any())
         """Whether there is a contact that no sensor ever sees."""
         self.slot = int(np.argmax(robot.unseen))
@@ -210,7 +210,7 @@ class UnseenTouch:
         return self._pattern
 
     def _patterned(self) -> _Pattern:
-        robot, model = self._robot, self._estimator.device
+        robot, model = self._robot, self._estimator.model
         flags = robot.unseen if robot.unseen.any() else [each is not None for each in robot.workspaces]
         slot = int(np.argmax(flags))
         workspace = robot.workspaces[slot]
@@ -253,7 +253,7 @@ class UnseenTouch:
             self._slopes, self._posture = pattern.slopes, np.zeros_like(posture)
         if fresh and np.any(np.abs(posture - self._posture) > _POSTURE_CHANGED):
             places, of = jnp.asarray(pattern.places), self._estimator
-            self._slopes = np.asarray(push_response(of.device, places, of.state, pattern.slot))
+            self._slopes = np.asarray(push_response(of.model, places, of.state, pattern.slot))
             self._posture = posture
         reading, kinds = self._unexplained, self._robot.reading_kinds
         return pattern_fit(

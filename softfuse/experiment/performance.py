@@ -41,12 +41,12 @@ _COMMANDED_STEP = 1e-6
 """Step in which commands are told, in the units of their columns."""
 
 _SHOWN = 4
-"""Episodes of a virtual device."""
+"""Episodes of a virtual robot."""
 
 
 @dataclass(frozen=True, eq=False)
 class Programme:
-    """What a device's channels say, without noise, while something is done to it over and over again.
+    """What a robot's channels say, without noise, while something is done to it over and over again.
 
     n rows of k channels, one every `step_s`, interpolated linearly and continued periodically: the last row
     is followed by the first. Noise and converters are in `channel_electronics`.

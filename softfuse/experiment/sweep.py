@@ -1,6 +1,6 @@
-"""Many presses of one device in chunks of series: equilibria at one place, each searched from the one before.
+"""Many presses of one robot in chunks of series: equilibria at one place, each searched from the one before.
 
-A worker solves a chunk, and builds the device once; client and worker exchange plain data only: the config as
+A worker solves a chunk, and builds the robot once; client and worker exchange plain data only: the config as
 text, numbers, names. What is told of each case, column by column, is in mm, N, mm³ and Pa.
 """
 
@@ -49,7 +49,7 @@ Value = float | int | str | None
 """None: not known, or not of this case."""
 
 _building = Lock()
-"""A worker may have several threads; they share one device."""
+"""A worker may have several threads; they share one robot."""
 
 log = logging.getLogger(__name__)
 
@@ -62,7 +62,7 @@ _MARK = b"softfuse.sweep"
 class Outcome:
     """How one case ended, in SI: a name of `RESULTS` or `OVERHANGS`, and what the search took.
 
-    reading (k,): of the device; largest_displacement: of a node; NaN unless converged, and so is residual of
+    reading (k,): of the robot; largest_displacement: of a node; NaN unless converged, and so is residual of
     what was not solved.
     """
 
@@ -74,12 +74,12 @@ class Outcome:
     largest_displacement: float
 
 
-def drives_of(device: Model, series: Series, rest: Float[np.ndarray, " D"]) -> Float[np.ndarray, "m D"]:
+def drives_of(model: Model, series: Series, rest: Float[np.ndarray, " D"]) -> Float[np.ndarray, "m D"]:
     """The drives (m, D) of the cases of a series: forces, then cables, then what the body at rest has.
 
-    The cables come first among what is attached to the device.
+    The cables come first among what is attached to the robot.
     """
-    shares = np.tile(device.contacts[0].shares, len(series.places))
+    shares = np.tile(model.contacts[0].shares, len(series.places))
     pressed = len(shares)
     driven = pressed + len(series.cables)
     drives = np.tile(rest, (len(series.forces), 1))
@@ -88,19 +88,19 @@ def drives_of(device: Model, series: Series, rest: Float[np.ndarray, " D"]) -> F
     return drives
 
 
-def outcomes(device: Model, series: Series, places: Float[Array, "c 3 3"]) -> Iterator[Outcome]:
-    """How the cases of a series at places (c, 3, 3) end on a device of these moduli and cables, one by one.
+def outcomes(model: Model, series: Series, places: Float[Array, "c 3 3"]) -> Iterator[Outcome]:
+    """How the cases of a series at places (c, 3, 3) end on a robot of these moduli and cables, one by one.
 
     Each is searched from the last one that was found, the first from rest.
     """
-    if not _stands(device, places):
-        nothing = np.full(device.n_readings, np.nan)
+    if not _stands(model, places):
+        nothing = np.full(model.n_readings, np.nan)
         yield from (Outcome(OVERHANGS, 0, 0, np.nan, nothing, np.nan) for _ in series.forces)
         return
-    at = _rest(device, places)
-    for drive in drives_of(device, series, np.asarray(at.drive)):
-        solution = simulate(device, places, jnp.asarray(drive), at)
-        reading, largest = _measured(device, places, solution.state)
+    at = _rest(model, places)
+    for drive in drives_of(model, series, np.asarray(at.drive)):
+        solution = simulate(model, places, jnp.asarray(drive), at)
+        reading, largest = _measured(model, places, solution.state)
         name = result_name(solution.result)
         found = solution.success
         at = solution.state if found else at
@@ -109,26 +109,26 @@ def outcomes(device: Model, series: Series, places: Float[Array, "c 3 3"]) -> It
             int(solution.stats.newton_iterations),
             int(solution.stats.load_steps),
             float(solution.stats.residual),
-            np.asarray(reading) if found else np.full(device.n_readings, np.nan),
+            np.asarray(reading) if found else np.full(model.n_readings, np.nan),
             float(largest) if found else np.nan,
         )
 
 
 @eqx.filter_jit
-def _stands(device: Model, places: Float[Array, "c 3 3"]) -> Bool[Array, ""]:
-    each = zip(device.kinds(len(places)), places, strict=True)
-    return jnp.all(jnp.stack([kind.stands(device.body, place) for kind, place in each]))
+def _stands(model: Model, places: Float[Array, "c 3 3"]) -> Bool[Array, ""]:
+    each = zip(model.kinds(len(places)), places, strict=True)
+    return jnp.all(jnp.stack([kind.stands(model.body, place) for kind, place in each]))
 
 
 @eqx.filter_jit
-def _rest(device: Model, places: Array) -> State:
-    return device.rest_state(places)
+def _rest(model: Model, places: Array) -> State:
+    return model.rest_state(places)
 
 
 @eqx.filter_jit
-def _measured(device: Model, places: Array, state: State) -> tuple[Float[Array, " k"], Float[Array, ""]]:
-    moved = jnp.linalg.norm(device.body.displacement(state.z), axis=1)
-    return device.reading(state, places), jnp.max(moved)
+def _measured(model: Model, places: Array, state: State) -> tuple[Float[Array, " k"], Float[Array, ""]]:
+    moved = jnp.linalg.norm(model.body.displacement(state.z), axis=1)
+    return model.reading(state, places), jnp.max(moved)
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class SweepColumn:
 
 
 class SweepTable:
-    """The rows of the sweep of a device, with up to so many contacts at once."""
+    """The rows of the sweep of a robot, with up to so many contacts at once."""
 
     def __init__(self, config: RobotSettings, contacts: int, shortened: tuple[bool, ...]):
         """shortened: of each cable, whether its shortening is given; its tension is otherwise."""
@@ -230,7 +230,7 @@ def _known(value: float) -> float | None:
 
 @dataclass(frozen=True)
 class Pressed:
-    """Which device is pressed, the same in all chunks of a sweep.
+    """Which robot is pressed, the same in all chunks of a sweep.
 
     text, path, digest: of its config, the path absolute; contacts: the most at once; shortened: of each
     cable, whether it is shortened or pulled.
@@ -269,7 +269,7 @@ class Chunk:
 def chunks_of(text: str, config: RobotSettings, plan: SweepPlan) -> list[Chunk]:
     """The series of a plan in their order, together until there are `cases_per_file`; text: of the config.
 
-    Raises ConfigError when the plan does not suit the device.
+    Raises ConfigError when the plan does not suit the robot.
     """
     path, shortened = str(config.path.resolve()), shortened_cables(plan, config)
     pressed = Pressed(text, path, digest(config), plan.contacts[-1], shortened)
@@ -287,14 +287,14 @@ def chunks_of(text: str, config: RobotSettings, plan: SweepPlan) -> list[Chunk]:
 def solve_chunk(chunk: Chunk) -> list[list[Value]]:
     """The rows of a chunk, in the columns of its `SweepTable`.
 
-    Raises SoftfuseError when this worker has other files than the client, or the device cannot be built.
+    Raises SoftfuseError when this worker has other files than the client, or the robot cannot be built.
     """
     with _building:
-        config, device = _device(chunk.pressed)
+        config, model = _model(chunk.pressed)
     table = chunk.pressed.table(config)
     rows = []
     for series in chunk.series:
-        pressed = with_moduli(device, config, series.modulus_factor)
+        pressed = with_moduli(model, config, series.modulus_factor)
         begin = time.perf_counter()
         for k, outcome in enumerate(outcomes(pressed, series, jnp.asarray(places_of(config, series)))):
             end = time.perf_counter()
@@ -304,7 +304,7 @@ def solve_chunk(chunk: Chunk) -> list[list[Value]]:
 
 
 @lru_cache(maxsize=1)
-def _device(pressed: Pressed) -> tuple[RobotSettings, Model]:
+def _model(pressed: Pressed) -> tuple[RobotSettings, Model]:
     config = parse(pressed.text, Path(pressed.path))
     if digest(config) != pressed.digest:
         raise SoftfuseError(f"{pressed.path}: a worker finds other files than here: share the folder")

@@ -1,7 +1,7 @@
 """Yeoh constants of common casting silicones, from uniaxial tension to failure, and their densities.
 
 They follow the tests to within 3 % from 50 % to 200 % strain; far beyond, c₃ < 0 makes them too soft. Other
-sources differ by a factor of two (cure, batch, Mullins softening): calibrate every device.
+sources differ by a factor of two (cure, batch, Mullins softening): calibrate every robot.
 Source: Marechal et al., Toward a Common Framework and Database of Materials for Soft Robotics, Soft
 Robotics 8 (2021) 284, and its tensile tests (github.com/LucMarechal/Soft-Robotics-Materials-Database);
 densities: Smooth-On, technical bulletins of the Ecoflex and the Dragon Skin series.

@@ -26,7 +26,7 @@ _CELLS = 8
 
 @dataclass(frozen=True, eq=False)
 class Verified:
-    """A device looked at again on a finer mesh: measures (m,) in SI, and presses of a real force."""
+    """A robot looked at again on a finer mesh: measures (m,) in SI, and presses of a real force."""
 
     measures: Float[np.ndarray, " m"]
     pressed: Pressed
@@ -34,7 +34,7 @@ class Verified:
 
 @dataclass(frozen=True, eq=False)
 class After:
-    """What a run has found: by search, and the best one's name; the device as it is and as designed, looked
+    """What a run has found: by search, and the best one's name; the robot as it is and as designed, looked
     at again at places; what was checked of the casting.
     """
 
@@ -54,7 +54,7 @@ def design_page(
     trials: Sequence[tuple[str, Trial]],
     after: After | None,
 ) -> str:
-    """The page, as far as the run has come; before (m,): the measures of the device as it is, in SI."""
+    """The page, as far as the run has come; before (m,): the measures of the robot as it is, in SI."""
     sections = [("Tried", _tried(problem, units, before, trials))]
     if after is None:
         last = [trial for _, trial in trials][-1]

@@ -1,5 +1,5 @@
 """A design run: searches here, with a report that grows, or side by side on workers, whose results are gone
-through again here; then the device, what it is cast with, and the report.
+through again here; then the robot, what it is cast with, and the report.
 """
 
 import logging
@@ -62,20 +62,20 @@ class Share(Protocol):
 
 
 def designed(plan: DesignPlan, out: Path, *, share: Share | None, begin: Begin) -> list[str]:
-    """Search as planned, and write the best device found to `out`: designed.toml, its casting, report.html;
+    """Search as planned, and write the best robot found to `out`: designed.toml, its casting, report.html;
     what has improved, line by line.
 
     A run that is in the folder is continued; share: None to search here, one start after the other. Raises
-    ConfigError for a plan that does not suit its device, SoftfuseError for a folder of something else, where
-    no start has a mesh, and as workers do; SolveError where the device has no equilibrium.
+    ConfigError for a plan that does not suit its robot, SoftfuseError for a folder of something else, where
+    no start has a mesh, and as workers do; SolveError where the robot has no equilibrium.
     """
     run = DesignRun.of(plan, out, share, begin)
     found = run.searched(run.starts())
     best = min(found, key=lambda name: run.merit(found[name].best))
     theta = found[best].best.theta
     found |= run.searched(run.front(theta))
-    begin("writing the device")
-    # Of the device's own fineness, not the search's.
+    begin("writing the robot")
+    # Of the robot's own fineness, not the search's.
     mesh = layout_mesh(run.problem.layout, theta, build_problem(plan, run.config).fineness)
     save_designed(plan, run.config, mesh, theta, out / "designed.toml")
     try:
@@ -100,7 +100,7 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class DesignRun:
-    """What all searches of a run have in common; own: the answers of the device as it is."""
+    """What all searches of a run have in common; own: the answers of the robot as it is."""
 
     plan: DesignPlan
     config: RobotSettings
@@ -113,11 +113,11 @@ class DesignRun:
 
     @classmethod
     def of(cls, plan: DesignPlan, out: Path, share: Share | None, begin: Begin) -> Self:
-        """Build the device as it is, and make the folder or find the run in it."""
-        config = load(plan.device)
+        """Build the robot as it is, and make the folder or find the run in it."""
+        config = load(plan.robot)
         searched = searched_config(plan, config)
         problem = build_problem(plan, searched)
-        begin("the device as it is")
+        begin("the robot as it is")
         mesh = build_mesh(searched)
         own = problem.answered(build_robot(searched, mesh).model, mesh.cavities, problem.layout.start)
         problem = replace(problem, limits=build_limits(plan, config, own, limits_of(plan)))
@@ -128,7 +128,7 @@ class DesignRun:
 
     @cached_property
     def before(self) -> Float[np.ndarray, " m"]:
-        """The measures (m,) of the device as it is, in SI."""
+        """The measures (m,) of the robot as it is, in SI."""
         return np.asarray(measured(self.problem.measures, self.own))
 
     @cached_property
@@ -190,20 +190,20 @@ class DesignRun:
         return searches
 
     def verified(self, theta: Float[np.ndarray, " p"]) -> tuple[Verified, Verified, Array]:
-        """The device as it is, and that with parameters (p,), on meshes of their own; the places."""
+        """The robot as it is, and that with parameters (p,), on meshes of their own; the places."""
         plan, finer = self.plan, self.config.finer(self.plan.verify.finer)
         problem = build_problem(plan, finer)
         self.begin("finer meshes")
         own, mesh = build_mesh(finer), problem.on_mesh(theta).mesh
-        devices = (
+        models = (
             (build_robot(finer, own).model, own.cavities, problem.layout.start),
             (problem.build(mesh, theta), mesh.walls, theta),
         )
-        at_rest = [np.asarray(measured(self.problem.measures, problem.answered(*each))) for each in devices]
+        at_rest = [np.asarray(measured(self.problem.measures, problem.answered(*each))) for each in models]
         seen = self.begin("pressing", 2 * len(problem.places))
         hard = [
-            pressed(device, [wall.faces for wall in walls], problem.places, plan.verify.force, seen=seen)
-            for device, walls, _ in devices
+            pressed(model, [wall.faces for wall in walls], problem.places, plan.verify.force, seen=seen)
+            for model, walls, _ in models
         ]
         before, after = map(Verified, at_rest, hard)
         return before, after, problem.places

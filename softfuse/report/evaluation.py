@@ -37,7 +37,7 @@ UNKNOWN = "–"
 """Stands where a figure is not known."""
 
 _ABOUT = (
-    f"<p>Paper: Navarro et al., RA-L 5(4), 2020, on their own device; {UNKNOWN} where its figure is not at "
+    f"<p>Paper: Navarro et al., RA-L 5(4), 2020, on their own robot; {UNKNOWN} where its figure is not at "
     "hand. The others: this robot, on a virtual test bed.</p>"
 )
 

@@ -269,11 +269,11 @@ def spots(at_mm: Float[np.ndarray, "s 3"], values: dict[str, Float[np.ndarray, "
 
 def tried(searches: Mapping[str, Float[np.ndarray, " n"]], name: str, before: float) -> "Figure":
     """The objective, called `name`, of each trial (n,) of each search, NaN where a mesh was worn, over its
-    number; and that of the device as it is.
+    number; and that of the robot as it is.
     """
     figure = blank(8, 3.2)
     axes = figure.subplots()
-    axes.axhline(before, color=TRUTH, lw=1, ls="--", label="device as it is")
+    axes.axhline(before, color=TRUTH, lw=1, ls="--", label="robot as it is")
     for k, (search, values) in enumerate(searches.items()):
         axes.plot(np.arange(1, len(values) + 1), values, ".-", lw=1, color=colour(k), label=search)
     axes.set(xlabel="trial", ylabel=name)

@@ -72,7 +72,7 @@ def build_mesh(config: RobotSettings) -> RobotMesh:
 
 
 def robot_mesh(config: RobotSettings, mesh: TetMesh, cavities: Sequence[Surface]) -> RobotMesh:
-    """A mesh of the element's order and its cavities, in the order of the configuration, as its device's.
+    """A mesh of the element's order and its cavities, in the order of the configuration, as its robot's.
 
     For a mesh from elsewhere, such as that of a layout. Raises ConfigError when it has another number of
     regions than the configuration, or no node is fixed.

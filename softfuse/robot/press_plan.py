@@ -76,11 +76,11 @@ class DiscPlaces(Settings):
     apart: Annotated[Length, Gt(0)] | None = None
 
     def sets(self, plan: "SweepPlan", config: RobotSettings) -> list[tuple[Disc, ...]]:
-        """The places [m] of each case of a plan. Raises ConfigError when they do not suit the device."""
+        """The places [m] of each case of a plan. Raises ConfigError when they do not suit the robot."""
         contact = config.contact()
         if contact.within is None:
             raise ConfigError(
-                f'{plan.path}: places.type: this device is pressed at its electrodes: give "electrodes"'
+                f'{plan.path}: places.type: this robot is pressed at its electrodes: give "electrodes"'
             )
         apart = 2 * contact.radius if self.apart is None else self.apart
         return self.within(contact.within, apart, plan)
@@ -169,7 +169,7 @@ class ElectrodePlaces(Settings):
     names: Annotated[tuple[str, ...], NotEmpty] | None = None
 
     def sets(self, plan: "SweepPlan", config: RobotSettings) -> list[tuple[str, ...]]:
-        """The electrodes of each case of a plan. Raises ConfigError when they do not suit the device."""
+        """The electrodes of each case of a plan. Raises ConfigError when they do not suit the robot."""
         if config.contact().within is not None:
             raise ConfigError(
                 f'{plan.path}: places.type: this is pressed in a workspace: give "grid", "random" or "list"'

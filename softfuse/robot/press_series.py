@@ -1,4 +1,4 @@
-"""From a plan and a config to the cases of a sweep, and to the device that is pressed in them."""
+"""From a plan and a config to the cases of a sweep, and to the robot that is pressed in them."""
 
 import math
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ class Series:
 def build_series(plan: SweepPlan, config: RobotSettings) -> list[Series]:
     """The series of a plan, one after the other; the number of each first case counts from 0.
 
-    Raises ConfigError with the plan's file and key when the plan does not suit the device.
+    Raises ConfigError with the plan's file and key when the plan does not suit the robot.
     """
     levels = _cable_levels(plan, config)
     forces = plan.forces.all
@@ -75,12 +75,12 @@ def swept_model(robot: Robot, shortened: tuple[bool, ...]) -> Model:
     return replace(robot.model, actuators=robot.shortened(by_length), readings=tuple(readings))
 
 
-def with_moduli(device: Model, config: RobotSettings, factor: float) -> Model:
-    """A device of a config with all moduli of all materials multiplied by a factor."""
+def with_moduli(model: Model, config: RobotSettings, factor: float) -> Model:
+    """A robot of a config with all moduli of all materials multiplied by a factor."""
     scaled = (each.model_copy(update=each.stiffness_times(factor)) for each in config.body.materials)
-    body = device.body.full.with_materials([each.material() for each in scaled])
+    body = model.body.full.with_materials([each.material() for each in scaled])
     # As if it had been built of these materials.
-    return replace(device, body=replace(body, pressure_unit=factor * body.pressure_unit))
+    return replace(model, body=replace(body, pressure_unit=factor * body.pressure_unit))
 
 
 def _cable_levels(plan: SweepPlan, config: RobotSettings) -> list[tuple[float, ...]]:

@@ -1,4 +1,4 @@
-"""How recordings of the device are written, as far as it is not found in the file, or found wrongly."""
+"""How recordings of the robot are written, as far as it is not found in the file, or found wrongly."""
 
 import codecs
 from typing import Annotated, Literal, Self
@@ -52,7 +52,7 @@ class RecordingSettings(Settings):
 
 
 class RecordingFile(FileSettings):
-    """A file of which only the table [recording] matters: the configuration of a device, or less."""
+    """A file of which only the table [recording] matters: the configuration of a robot, or less."""
 
     model_config = ConfigDict(extra="ignore")
 

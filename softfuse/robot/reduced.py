@@ -45,7 +45,7 @@ def build_regions(config: RobotSettings) -> AbstractRegions:
 
 
 def reduction_mark(config: RobotSettings) -> str:
-    """What tells two reduced devices apart: a digest of all settings that have a say."""
+    """What tells two reduced robots apart: a digest of all settings that have a say."""
     parts = {"body", "environment", "chambers", "cables", "contacts", "sensors", "reduction"}
     return f"{_REVISION}-{digest(config, parts)}"
 
@@ -71,7 +71,7 @@ class Teacher:
     regions: AbstractRegions
 
     @property
-    def device(self) -> Model:
+    def model(self) -> Model:
         """The full model."""
         return self.robot.model
 
@@ -83,15 +83,15 @@ class Teacher:
     @cached_property
     def _loads_at(self) -> LoadsAt:
         # One function for all charts: programs are compiled anew for every other one.
-        return lambda body, places: replace(self.device, body=body).loads(places)
+        return lambda body, places: replace(self.model, body=body).loads(places)
 
     def chart(self, number: int) -> Chart:
         """The chart of a region; raises SolveError as `teach` and `largest_force` do."""
         given = self.config.reduction
         paths, around = self._lesson(number)
         return teach(
-            self.device.linear,
-            self.device.body.full,
+            self.model.linear,
+            self.model.body.full,
             self.stiffness,
             self._loads_at,
             paths,
@@ -107,13 +107,13 @@ class Teacher:
         contact, travel = self.config.contact(), self.config.reduction.travel
         if travel is None:
             return contact.max_force
-        place, drives = jnp.asarray(self.regions.middle(number))[None], self.device.contacts[0].drives
+        place, drives = jnp.asarray(self.regions.middle(number))[None], self.model.contacts[0].drives
         force = _LIGHT * contact.max_force
-        drive = self.device.rest_state(place).drive.at[:drives].set(force / drives)
-        found = simulate(self.device, place, drive)
+        drive = self.model.rest_state(place).drive.at[:drives].set(force / drives)
+        found = simulate(self.model, place, drive)
         if found.result != RESULTS.converged:
             raise SolveError(f"region {number}: no equilibrium at {force:g} N: {RESULTS[found.result]}")
-        shape = self.device.body.displacement(found.state.z)
+        shape = self.model.body.displacement(found.state.z)
         moved = float(jnp.max(jnp.linalg.norm(shape, axis=1)))
         return min(contact.max_force, travel * force / moved)
 
@@ -124,11 +124,11 @@ class Teacher:
         place = jnp.asarray(self.regions.middle(number))
         if cell is not None:
             paths = presses(cell, force, side=given.side, levels=given.levels, near=given.near)
-            body = self.device.body
-            (disc,) = self.device.contacts[0].discs(body, place)
+            body = self.model.body
+            (disc,) = self.model.contacts[0].discs(body, place)
             over = places_over(cell, disc, np.asarray(body.rest))
             return paths, [jnp.asarray(each)[None] for each in over]
-        patches = self.device.contacts[0].drives
+        patches = self.model.contacts[0].drives
         low, high = (
             np.append(np.full(patches, end), own) for end, own in zip((0.0, force), self._drives, strict=True)
         )

@@ -1,4 +1,4 @@
-"""Where the device's channels come from: ports, and what the bytes mean that come from them.
+"""Where the robot's channels come from: ports, and what the bytes mean that come from them.
 
 The sensors find their channels by name, whichever source they come from. What is said of the drivers here is
 checked against softfuse/hardware/source by a test, since a configuration knows nothing of hardware.
@@ -51,7 +51,7 @@ _WRENCH = ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
 
 
 class SoftfuseSource(Settings):
-    """A device of softfuse's own binary protocol, which says by itself what its channels are."""
+    """A board of softfuse's own binary protocol, which says by itself what its channels are."""
 
     driver: Literal["softfuse"]
     url: SerialUrl
@@ -59,7 +59,7 @@ class SoftfuseSource(Settings):
 
     @property
     def known_channels(self) -> tuple[str, ...]:
-        """None: the device tells them."""
+        """None: the board tells them."""
         return ()
 
 

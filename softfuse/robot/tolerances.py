@@ -1,4 +1,4 @@
-"""In which tolerances a device is made, before presses have told."""
+"""In which tolerances a robot is made, before presses have told."""
 
 from typing import Annotated
 

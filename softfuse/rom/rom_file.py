@@ -1,6 +1,6 @@
-"""Reduced devices in files: npz without pickled objects, with the mark of what they were made from.
+"""Reduced robots in files: npz without pickled objects, with the mark of what they were made from.
 
-A device has one for each region where contacts may be, a chart, which is read when asked for.
+A robot has one for each region where contacts may be, a chart, which is read when asked for.
 """
 
 import zipfile
@@ -72,19 +72,19 @@ def telling(modes: Float[np.ndarray, "u r"], unknowns: Int[np.ndarray, " s"]) ->
 
 
 class Sizes(NamedTuple):
-    """How many points of each material and how many watched nodes a reduced device has."""
+    """How many points of each material and how many watched nodes a reduced robot has."""
 
     points: tuple[int, ...]
     watched: int
 
 
 class Kept(NamedTuple):
-    """A reduced device, ready for live steps, the basis of its body, by which of the full body's unknowns its
+    """A reduced robot, ready for live steps, the basis of its body, by which of the full body's unknowns its
     modes of displacement and of pressure are told, and the displacements (3 k, m) [m] of all nodes by each
     displacement mode, node by node.
     """
 
-    device: Model
+    model: Model
     basis: Basis
     telling: tuple[Telling, Telling]
     nodal: Float[np.ndarray, "3k m"]
@@ -103,15 +103,15 @@ class Kept(NamedTuple):
         return np.concatenate([told.of_them @ (modes[told.unknowns] @ of) for told, modes, of in parts])
 
 
-def write_device(path: Path, device: Model, basis: Basis, mark: str) -> None:
-    """Write a device with a body that was projected onto a basis; its file appears when it is whole.
+def write_model(path: Path, model: Model, basis: Basis, mark: str) -> None:
+    """Write a robot with a body that was projected onto a basis; its file appears when it is whole.
 
     Raises OSError when it cannot be written.
     """
-    (body,) = parts_of(device.body, ReducedBody)
+    (body,) = parts_of(model.body, ReducedBody)
     arrays = {"mark": np.array(mark), **body_arrays(body, basis)}
     arrays |= {f"telling.{kind}": telling_unknowns(modes) for kind, modes in basis._asdict().items()}
-    for name, part in _projected_parts(device):
+    for name, part in _projected_parts(model):
         arrays |= {f"{name}.{each.name}": np.asarray(getattr(part, each.name)) for each in fields(part)}
     path.parent.mkdir(parents=True, exist_ok=True)
     with put_in_place(path) as part, part.open("wb") as stream:
@@ -119,13 +119,13 @@ def write_device(path: Path, device: Model, basis: Basis, mark: str) -> None:
 
 
 def kept_sizes(path: Path, mark: str) -> Sizes:
-    """The sizes of the device in a file; raises SoftfuseError as `read_device` does."""
+    """The sizes of the robot in a file; raises SoftfuseError as `read_model` does."""
     arrays = _read(path, mark, ("points", "watched"))
     return Sizes(tuple(arrays["points"].tolist()), len(arrays["watched"]))
 
 
-def read_device(path: Path, mark: str, full: Model, sizes: Sizes) -> Kept:
-    """The device of a file, in the given sizes, at least its own; what it shares is the `full` one's.
+def read_model(path: Path, mark: str, full: Model, sizes: Sizes) -> Kept:
+    """The robot of a file, in the given sizes, at least its own; what it shares is the `full` one's.
 
     Raises SoftfuseError when there is none, it is damaged, or made from something else than `mark` says.
     """
@@ -145,27 +145,27 @@ def read_device(path: Path, mark: str, full: Model, sizes: Sizes) -> Kept:
         )
     actuators = tuple(_actuator(load, f"actuator{k}", arrays) for k, load in enumerate(full.actuators))
     linear = ReducedDense.with_known(body, _part(KnownInverses, "known", arrays))
-    device = Model(body, tuple(readings), tuple(contacts), linear, actuators, full.slots)
+    model = Model(body, tuple(readings), tuple(contacts), linear, actuators, full.slots)
     basis = Basis(arrays["displacement"], arrays["pressure"])
     nodal = of_nodes(whole, np.arange(whole.n_nodes), basis.displacement)
     told = (
         telling(basis.displacement, arrays["telling.displacement"]),
         telling(basis.pressure, arrays["telling.pressure"]),
     )
-    return Kept(device, basis, told, nodal.reshape(-1, nodal.shape[-1]))
+    return Kept(model, basis, told, nodal.reshape(-1, nodal.shape[-1]))
 
 
-def _projected_parts(device: Model) -> Iterator[tuple[str, _Part]]:
-    """What a reduced device has instead of the full one's parts, but for the body, by name."""
-    several = {"reading": device.readings, "contact": device.contacts, "actuator": device.actuators}
+def _projected_parts(model: Model) -> Iterator[tuple[str, _Part]]:
+    """What a reduced robot has instead of the full one's parts, but for the body, by name."""
+    several = {"reading": model.readings, "contact": model.contacts, "actuator": model.actuators}
     named = {f"{what}{k}": part for what, parts in several.items() for k, part in enumerate(parts)}
-    for name, part in {"known": device.linear, **named}.items():
+    for name, part in {"known": model.linear, **named}.items():
         for kept in parts_of(part, ProjectedVolumes, ProjectedGuides, ProjectedPatches, KnownInverses):
             yield name, kept
 
 
 def _actuator(load: AbstractLoad, name: str, arrays: Arrays) -> AbstractLoad:
-    """A load of the full device with the ports of some arrays, which are those of guides or of volumes."""
+    """A load of the full robot with the ports of some arrays, which are those of guides or of volumes."""
     if f"{name}.springs" in arrays:
         ports = _part(ProjectedGuides, name, arrays)
     else:
@@ -181,7 +181,7 @@ def _read(path: Path, mark: str, names: Sequence[str] | None = None) -> Arrays:
     try:
         with np.load(path, allow_pickle=False) as stored:
             if str(stored["mark"]) != mark:
-                raise SoftfuseError(f"{path} was made for another device: make it again with softfuse reduce")
+                raise SoftfuseError(f"{path} was made for another robot: make it again with softfuse reduce")
             return {name: stored[name] for name in names or stored.files}
     except FileNotFoundError:
         raise SoftfuseError(f"{path} is missing: go on with softfuse reduce") from None
@@ -203,19 +203,19 @@ class AtlasFolder:
         return self.path / f"chart-{number:04d}.npz"
 
     def has(self, number: int) -> bool:
-        """Whether the chart of a region is there; raises SoftfuseError for one of another device."""
+        """Whether the chart of a region is there; raises SoftfuseError for one of another robot."""
         return self.file(number).exists() and bool(kept_sizes(self.file(number), self.mark))
 
-    def write(self, number: int, device: Model, basis: Basis) -> None:
+    def write(self, number: int, model: Model, basis: Basis) -> None:
         """Write the chart of a region. Raises OSError when it cannot be written."""
-        write_device(self.file(number), device, basis, self.mark)
+        write_model(self.file(number), model, basis, self.mark)
 
 
 class Atlas:
-    """All charts of a full device, in equal sizes."""
+    """All charts of a full robot, in equal sizes."""
 
     def __init__(self, full: Model, regions: AbstractRegions, folder: AtlasFolder):
-        """See that all charts are there. SoftfuseError when one is missing, damaged, or another device's."""
+        """See that all charts are there. SoftfuseError when one is missing, damaged, or another robot's."""
         self.full, self.regions, self._folder = full, regions, folder
         missing = [number for number in range(len(regions)) if not folder.file(number).exists()]
         if missing:
@@ -232,5 +232,5 @@ class Atlas:
         """The chart of a region. Raises SoftfuseError when its file is gone or damaged."""
         if number not in self._kept:
             file, mark = self._folder.file(number), self._folder.mark
-            self._kept[number] = read_device(file, mark, self.full, self._sizes)
+            self._kept[number] = read_model(file, mark, self.full, self._sizes)
         return self._kept[number]

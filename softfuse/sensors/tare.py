@@ -98,7 +98,7 @@ def tare_update(
     """One frame.
 
     Args: dt_s time since the last frame [s]; pressure_Pa (k,) readings [Pa], finite; noise_Pa (k,) standard
-    deviation of one [Pa]; at_rest (k,): the reading can be used and the device is at rest.
+    deviation of one [Pa]; at_rest (k,): the reading can be used and the robot is at rest.
     """
     state = eqx.tree_at(lambda s: s.unseen_s, state, state.unseen_s + dt_s)
     variance = tare_variance(tare, state)

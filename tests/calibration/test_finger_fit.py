@@ -71,7 +71,7 @@ def adjustable(fitted: Fitted, applied: Applied) -> Adjustable:
 
 @pytest.fixture(scope="module")
 def made(adjustable: Adjustable) -> np.ndarray:
-    """What the device was made with: drawn from the prior."""
+    """What the robot was made with: drawn from the prior."""
     sigma = np.asarray(adjustable.adjustments.sigma)
     return sigma * np.random.default_rng(3).normal(size=len(sigma)).clip(-1.5, 1.5)
 
@@ -178,7 +178,7 @@ def test_the_config_that_is_written_is_that_finger(
     again = save_edited(config.path, tmp_path / "fitted.toml", edits)
     whole = Fitted.of(build_robot(again))
     names = adjustable.adjustments.names
-    # Zeros, gains and places are not of the device's body.
+    # Zeros, gains and places are not of the robot's body.
     done = Applied(applied.place[3:6], applied.force_N[3:6], applied.prescribed[3:6], -1 - np.arange(3))
     none = build_adjustments(whole)
     body = made.copy()

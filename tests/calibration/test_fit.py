@@ -1,4 +1,4 @@
-"""A fit finds what a device was made with from presses of it, and says what presses cannot tell."""
+"""A fit finds what a robot was made with from presses of it, and says what presses cannot tell."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -45,7 +45,7 @@ def mesh() -> TetMesh:
 
 
 @pytest.fixture(scope="module")
-def device(mesh: TetMesh) -> Model:
+def model(mesh: TetMesh) -> Model:
     """Two cavities under a disc of 6 mm."""
     body = Body.from_mesh(mesh, [NeoHookean.from_young(0.3e6, 0.3)], mesh.nodes[:, 2] < 1e-9, element=LINEAR)
     surface = ContactSurface.facing(outer_surface(mesh).faces, mesh.nodes, np.array([0.0, 0.0, -1.0]))
@@ -56,10 +56,10 @@ def device(mesh: TetMesh) -> Model:
 
 
 @pytest.fixture(scope="module")
-def adjustable(device: Model, mesh: TetMesh) -> Adjustable:
+def adjustable(model: Model, mesh: TetMesh) -> Adjustable:
     walls = Walls.of(mesh, GEOMETRY.centres(), NAMES, shift=0.3e-3, growth=0.3e-3)
-    groups = (Stiffness.within(0.3), Stiffening.within(0.3), layer(device), walls)
-    return Adjustable(device, Adjustments(groups))
+    groups = (Stiffness.within(0.3), Stiffening.within(0.3), layer(model), walls)
+    return Adjustable(model, Adjustments(groups))
 
 
 def applied(places: np.ndarray, forces: Sequence[float]) -> Applied:
@@ -79,7 +79,7 @@ def presses_of(adjustable: Adjustable, value: np.ndarray, *, seed: int = 1) -> P
 
 @pytest.fixture(scope="module")
 def made(adjustable: Adjustable) -> np.ndarray:
-    """What the device was made with: drawn from the prior."""
+    """What the robot was made with: drawn from the prior."""
     sigma = np.asarray(adjustable.adjustments.sigma)
     return sigma * np.random.default_rng(7).normal(size=len(sigma)).clip(-1.5, 1.5)
 
@@ -126,15 +126,15 @@ def test_slopes_are_those_of_differences(adjustable: Adjustable, made: np.ndarra
 
 
 @pytest.mark.slow
-def test_two_parameters_that_do_the_same_are_told(device: Model, presses: Presses) -> None:
-    twice = Adjustments((Stiffness.within(0.3), replace_names(Stiffness.within(0.3), "again"), layer(device)))
-    found = fit(Adjustable(device, twice), presses)
+def test_two_parameters_that_do_the_same_are_told(model: Model, presses: Presses) -> None:
+    twice = Adjustments((Stiffness.within(0.3), replace_names(Stiffness.within(0.3), "again"), layer(model)))
+    found = fit(Adjustable(model, twice), presses)
     assert found.correlation[0, 1] < -0.99
     assert np.all(found.told[:2] < 0.6)
 
 
-def layer(device: Model) -> Layer:
-    return Layer.of(0.3e-9, 0.006, device.body, 1.0)
+def layer(model: Model) -> Layer:
+    return Layer.of(0.3e-9, 0.006, model.body, 1.0)
 
 
 def replace_names(group: Stiffness, name: str) -> Stiffness:
@@ -142,11 +142,11 @@ def replace_names(group: Stiffness, name: str) -> Stiffness:
 
 
 @pytest.mark.slow
-def test_a_gain_is_found(device: Model, presses: Presses, adjustable: Adjustable, made: np.ndarray) -> None:
+def test_a_gain_is_found(model: Model, presses: Presses, adjustable: Adjustable, made: np.ndarray) -> None:
     groups = (*adjustable.adjustments.groups, Gains.of(NAMES, np.ones(2, bool), 0.02))
     gains = np.array([0.03, -0.02])
     read = replace(presses, reading=presses.reading * np.exp(gains))
-    found = fit(Adjustable(device, Adjustments(groups)), read)
+    found = fit(Adjustable(model, Adjustments(groups)), read)
     off = found.value - np.concatenate([made, gains])
     assert found.names[-2:] == ("left gain", "right gain")
     assert off @ np.linalg.solve(found.covariance, off) < 40.8

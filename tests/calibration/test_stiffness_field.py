@@ -1,4 +1,4 @@
-"""A stiffness field in a device: its derivatives, and that presses tell it."""
+"""A stiffness field in a robot: its derivatives, and that presses tell it."""
 
 from collections.abc import Callable
 
@@ -25,12 +25,12 @@ AT = jnp.asarray(facing(np.array([[-0.012, 0.003, 0.0]]), (0, 0, -1)))
 
 
 @pytest.fixture(scope="module")
-def read(device: Model) -> Callable[..., tuple[jax.Array, RESULTS]]:
+def read(model: Model) -> Callable[..., tuple[jax.Array, RESULTS]]:
     """Volume changes under a press, of the field's coefficients."""
 
     def read(coefficients):
-        body = with_field(device.body, coefficients)
-        made = Model(body, device.readings, device.contacts, device.linear)
+        body = with_field(model.body, coefficients)
+        made = Model(body, model.readings, model.contacts, model.linear)
         solution = simulate(made, AT, jnp.array([5.0]))
         return made.reading(solution.state), solution.result
 
@@ -50,10 +50,10 @@ def test_volumes_differentiate_in_every_coefficient(read) -> None:
         np.testing.assert_allclose(slopes[:, k], difference, atol=1e-5 * np.abs(above).max())
 
 
-def test_without_coefficients_a_field_changes_nothing(device: Model, read) -> None:
+def test_without_coefficients_a_field_changes_nothing(model: Model, read) -> None:
     found, _ = read(jnp.zeros(9))
-    plain = simulate(device, AT, jnp.array([5.0]))
-    np.testing.assert_allclose(found, device.reading(plain.state), rtol=1e-7)
+    plain = simulate(model, AT, jnp.array([5.0]))
+    np.testing.assert_allclose(found, model.reading(plain.state), rtol=1e-7)
 
 
 @pytest.mark.slow

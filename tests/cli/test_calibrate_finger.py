@@ -34,7 +34,7 @@ def test_what_was_fitted_is_in_the_config_and_the_report(
     assert np.ptp([chamber.dead_volume for chamber in fitted.chambers]) > 0
     assert fitted.cables[0].compliance > 0
     assert 0 < pressure.model_error < 0.5
-    # Only a device with a map of readings has such a file.
+    # Only a robot with a map of readings has such a file.
     assert not out.with_suffix(".npz").exists()
     text = out.with_suffix(".html").read_text()
     for said in ("palm zero", "tip left dead volume", "place on tip left in press", "[Pa]", "tells [nat]"):

@@ -1,4 +1,4 @@
-"""softfuse design on a coarse pad: a search, its folder, its device, its mould and its report."""
+"""softfuse design on a coarse pad: a search, its folder, its robot, its mould and its report."""
 
 import re
 from collections.abc import Callable
@@ -22,7 +22,7 @@ def plan(coarse: Path, tmp_path: Path) -> Path:
     """The example with a few presses, meshes and iterations."""
     text = PLAN
     for key, value in (
-        ("device", f'"{coarse}"'),
+        ("robot", f'"{coarse}"'),
         ("count", "[3, 2]"),
         ("starts", "0"),
         ("legs", "2"),

@@ -80,7 +80,7 @@ def test_charts_of_another_pad_are_refused(coarse, charts, code_of, tmp_path, ca
     changed = tmp_path / "changed.toml"
     changed.write_text(coarse.read_text().replace("0.6 MPa", "0.7 MPa"))
     assert code_of("reduce", changed, "--out", charts, "--quiet") == 2
-    assert "another device" in " ".join(capsys.readouterr().err.split())
+    assert "another robot" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_device_that_nothing_presses_is_not_reduced(coarse) -> None:

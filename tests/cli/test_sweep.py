@@ -102,7 +102,7 @@ def test_rows_are_those_of_single_simulations_and_none_is_computed_twice(
 
     soft = load(pad)
     stiff = save_edited(pad, tmp_path / "stiff.toml", {("body", "material", 0, "young"): "0.9 MPa"})
-    devices = {1.0: build_robot(soft).model, 1.5: build_robot(stiff).model}
+    models = {1.0: build_robot(soft).model, 1.5: build_robot(stiff).model}
     for row in rows:
         assert row["result"] == "converged" and row["residual_N"] < 1e-9 and row["wall_time_s"] > 0
         count = row["contacts"]
@@ -111,14 +111,14 @@ def test_rows_are_those_of_single_simulations_and_none_is_computed_twice(
         assert row["force_N"] == sum(force)
         if count == 1:
             assert row["contact1_x_mm"] is None and row["contact1_force_N"] is None
-        device = devices[row["modulus_factor"]]
+        model = models[row["modulus_factor"]]
         places = jnp.asarray(facing(np.array(at), (0, 0, -1)))
-        solution = simulate(device, places, jnp.array(force), device.rest_state(places))
-        volumes = 1e9 * np.asarray(device.reading(solution.state))
+        solution = simulate(model, places, jnp.array(force), model.rest_state(places))
+        volumes = 1e9 * np.asarray(model.reading(solution.state))
         assert np.max(np.abs(volumes)) > 1.0
         found = [row[f"dV{k}_mm3"] for k in range(4)]
         np.testing.assert_allclose(found, volumes, rtol=0, atol=1e-10 * np.max(np.abs(volumes)))
-        moved = np.linalg.norm(device.body.displacement(solution.state.z), axis=1)
+        moved = np.linalg.norm(model.body.displacement(solution.state.z), axis=1)
         np.testing.assert_allclose(row["largest_displacement_mm"], 1e3 * moved.max(), rtol=1e-10)
 
     # With one part gone and one broken those two are computed, with all there no scheduler is asked.
@@ -262,10 +262,10 @@ def test_a_finger_is_pressed_while_its_cable_is_shortened(
     robot = build_robot(config)
     cable, gas = robot.model.actuators
     shortened = ShortenedCable.of(cable, robot.model.body)
-    device = replace(swept_model(robot, (True,)), actuators=(shortened, gas))
+    model = replace(swept_model(robot, (True,)), actuators=(shortened, gas))
     places = jnp.asarray(config.places["tip left"][None])
     drive = jnp.array([0.1, 0.1, 5e-3, *6 * [101325.0]])
-    reading = device.reading(simulate(device, places, drive, device.rest_state(places)).state)
+    reading = model.reading(simulate(model, places, drive, model.rest_state(places)).state)
     scale = np.array([1.0, *6 * [1e9], *6 * [1.0]])
     np.testing.assert_allclose([found[name] for name in columns[7:]], scale * reading, rtol=1e-8)
 

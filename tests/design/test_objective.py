@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from softfuse.body import Body
-from softfuse.design.layout_device import device_at
+from softfuse.design.layout_model import model_at
 from softfuse.design.limits import Limit
 from softfuse.design.objective import (
     AbstractMeasure,
@@ -97,19 +97,19 @@ def problem(twins) -> Problem:
         np.full(2, 1e-9),
         Unevenness(),
         by_place=True,
-        watch=lambda device: MaterialPoints.embedded(device.body, POINTS),
+        watch=lambda model: MaterialPoints.embedded(model.body, POINTS),
     )
 
 
 @pytest.mark.slow
 def test_every_measure_has_the_gradient_of_re_solves_in_every_parameter(problem, twins) -> None:
     twin_mesh = layout_mesh(twins, twins.start, problem.fineness)
-    device = vented(twin_mesh, twins.start)
-    watched = problem.watched(device, twin_mesh.walls)
+    model = vented(twin_mesh, twins.start)
+    watched = problem.watched(model, twin_mesh.walls)
 
     @jax.jit
     def values(theta):
-        return measured(MEASURES, problem.answers(device_at(device, twin_mesh, theta), watched, theta))
+        return measured(MEASURES, problem.answers(model_at(model, twin_mesh, theta), watched, theta))
 
     theta = jnp.asarray(twins.start)
     slope = jax.jit(jax.jacrev(values))(theta)

@@ -40,7 +40,7 @@ def changed(tmp_path: Path) -> Callable[..., Path]:
     """changed(plan, (old, new), ...): a copy of a plan with some text replaced."""
 
     def write(plan: Path, *changes: tuple[str, str]) -> Path:
-        text = plan.read_text(encoding="utf-8").replace('device = "', f'device = "{CONFIGS}/')
+        text = plan.read_text(encoding="utf-8").replace('robot = "', f'robot = "{CONFIGS}/')
         for old, new in changes:
             assert old in text
             text = text.replace(old, new, 1)
@@ -54,7 +54,7 @@ def changed(tmp_path: Path) -> Callable[..., Path]:
 @pytest.mark.parametrize("path", [PAD, FINGER])
 def test_the_examples_can_be_made_as_drawn(path) -> None:
     plan = load_design(path)
-    config = load(plan.device)
+    config = load(plan.robot)
     problem = build_problem(plan, config)
     layout = problem.layout
     np.testing.assert_array_equal(layout.start, 0.0)
@@ -65,7 +65,7 @@ def test_the_examples_can_be_made_as_drawn(path) -> None:
 
 def test_the_pad_is_pressed_on_half_of_the_papers_places() -> None:
     plan = load_design(PAD)
-    problem = build_problem(plan, load(plan.device))
+    problem = build_problem(plan, load(plan.robot))
     assert isinstance(problem.objective, Unevenness)
     whole = np.linspace(-0.028, 0.028, 10)
     np.testing.assert_allclose(np.unique(problem.places[:, 0, 0]), whole, atol=1e-7)
@@ -74,7 +74,7 @@ def test_the_pad_is_pressed_on_half_of_the_papers_places() -> None:
 
 def test_turned_by_half_a_turn_the_pad_stays_the_same() -> None:
     plan = load_design(PAD)
-    layout = build_layout(plan, load(plan.device))
+    layout = build_layout(plan, load(plan.robot))
     theta = 0.3 * layout.upper
     values = layout.values(jnp.asarray(theta))
     for a, b in ((0, 3), (1, 2)):
@@ -84,7 +84,7 @@ def test_turned_by_half_a_turn_the_pad_stays_the_same() -> None:
 
 def test_pairs_are_numbers_of_presses() -> None:
     plan = load_design(FINGER)
-    config = load(plan.device)
+    config = load(plan.robot)
     objective = build_problem(plan, config).objective
     assert isinstance(objective, PairError)
     names = list(config.places)
@@ -101,7 +101,7 @@ def test_pairs_are_numbers_of_presses() -> None:
         (PAD, 'scale = "1 mm"', 'scale = "1 deg"', r"parameter\[0\]"),
         (PAD, 'lower = "-7 mm"', 'lower = "1 mm"', "must lie between lower and upper"),
         (PAD, 'measure = "unevenness"', 'measure = "evenness"', "objective"),
-        (PAD, "at_least = 0.4", "", "give at_least or at_most, parts of the device's own, or most"),
+        (PAD, "at_least = 0.4", "", "give at_least or at_most, parts of the robot's own, or most"),
         (PAD, "at_least = 0.4", "most = 0.4", 'limit "sensitivity" by at_most'),
         (FINGER, 'cable = "palm"', 'cable = "back"', 'no cable "back": it has palm'),
         (FINGER, 'cable = "palm"', 'cable = "palm", guides = [12]', "12 is none of 0 to 9"),
@@ -147,7 +147,7 @@ def test_mistakes_are_told(changed, plan, old, new, message) -> None:
     path = changed(plan, (old, new))
     with pytest.raises(ConfigError, match=message):
         planned = load_design(path)
-        config = load(planned.device)
+        config = load(planned.robot)
         problem = build_problem(planned, config)
         names = build_places(planned, config)[1]
         for limit in planned.limits:
@@ -158,7 +158,7 @@ def test_mistakes_are_told(changed, plan, old, new, message) -> None:
 def test_walls_by_name_are_those_of_a_cavity(changed) -> None:
     path = changed(PAD, ("[walls]\n", '[walls]\nspecial = { "inner left, high z" = "5 mm" }\n'))
     plan = load_design(path)
-    problem = build_problem(plan, load(plan.device))
+    problem = build_problem(plan, load(plan.robot))
     least = dict(zip(wall_names(problem.layout), problem.walls.least(problem.layout), strict=True))
     assert least["cavity 1, high z"] == 0.005
     assert sum(value == 0.005 for value in least.values()) == 1
@@ -172,7 +172,7 @@ def test_a_finer_config_has_shorter_edges() -> None:
 
 def test_a_search_may_have_a_mesh_of_its_own() -> None:
     plan = load_design(PAD)
-    config = load(plan.device)
+    config = load(plan.robot)
     other = plan.model_copy(update={"search": plan.search.model_copy(update={"edges": {"base_size": 0.01}})})
     source = searched_config(other, config).body.source
     assert (source.base_size, source.surface_size) == (0.01, config.body.source.surface_size)
@@ -184,7 +184,7 @@ def test_a_search_may_have_a_mesh_of_its_own() -> None:
 @pytest.mark.parametrize("path", [PAD, FINGER])
 def test_the_config_of_what_is_found_is_that_device(path, tmp_path) -> None:
     plan = load_design(path)
-    config = load(plan.device)
+    config = load(plan.robot)
     problem = build_problem(plan, config)
     layout = problem.layout
     theta = 0.2 * layout.scale * np.cos(np.arange(len(layout.names)))
@@ -219,7 +219,7 @@ def test_limits_are_parts_of_the_devices_own_or_stand_by_themselves(changed) -> 
         jnp.ones(4),
         jnp.zeros((1, 2, 2)),
     )
-    kept, strain, *_ = build_limits(plan, load(plan.device), own, limits_of(plan))
+    kept, strain, *_ = build_limits(plan, load(plan.robot), own, limits_of(plan))
     assert kept.at_least == pytest.approx(0.4 * 2e-9) and kept.at_most == np.inf
     assert strain.at_least == -np.inf and strain.at_most == 0.7
     assert strain.measure(own) == pytest.approx(0.4)
@@ -228,7 +228,7 @@ def test_limits_are_parts_of_the_devices_own_or_stand_by_themselves(changed) -> 
 @pytest.mark.slow
 def test_guides_follow_parameters_into_device_and_config(tmp_path) -> None:
     plan = load_design(FINGER)
-    config = load(plan.device)
+    config = load(plan.robot)
     route = CableRoute.of(plan, config)
     which = [parameter.name for parameter in plan.parameters].index("cable height")
     theta = np.zeros(len(plan.parameters))
@@ -240,7 +240,7 @@ def test_guides_follow_parameters_into_device_and_config(tmp_path) -> None:
     mesh = layout_mesh(problem.layout, theta, problem.fineness)
     as_drawn = problem.build(mesh, 0.0 * theta)
     moved, built = (
-        device.actuators[0].ports for device in (problem.follow(as_drawn, theta), problem.build(mesh, theta))
+        model.actuators[0].ports for model in (problem.follow(as_drawn, theta), problem.build(mesh, theta))
     )
     np.testing.assert_allclose(moved.points.location, built.points.location, atol=1e-15)
     saved = save_designed(plan, config, mesh, theta, tmp_path / "designed.toml")
@@ -249,9 +249,9 @@ def test_guides_follow_parameters_into_device_and_config(tmp_path) -> None:
 
 @pytest.mark.slow
 def test_readings_have_the_derivatives_of_devices_with_other_guides(changed, coarse_finger) -> None:
-    path = changed(FINGER, (f'device = "{CONFIGS}/finger.toml"', f'device = "{coarse_finger()}"'))
+    path = changed(FINGER, (f'robot = "{CONFIGS}/finger.toml"', f'robot = "{coarse_finger()}"'))
     plan = load_design(path)
-    problem = build_problem(plan, load(plan.device))
+    problem = build_problem(plan, load(plan.robot))
     which = problem.layout.names.index("cable height")
     meshed = problem.on_mesh(problem.layout.start)
     slope = meshed.value(problem.layout.start).slopes[0, which]
@@ -260,7 +260,7 @@ def test_readings_have_the_derivatives_of_devices_with_other_guides(changed, coa
         theta = problem.layout.start
         theta[which] = step
         # Built anew with these guides, on the same mesh.
-        return replace(meshed, device=problem.build(meshed.mesh, theta)).measures(theta)[0]
+        return replace(meshed, model=problem.build(meshed.mesh, theta)).measures(theta)[0]
 
     step = 2e-5
     assert slope == pytest.approx((built(step) - built(-step)) / (2 * step), rel=1e-4)
@@ -275,16 +275,16 @@ adds = [{ electrodes = "rows", value = "pitch" }, { electrodes = "columns", valu
 """
 
 
-@pytest.mark.parametrize("device", ["pad.toml", "pad_mutual.toml"])
-def test_lines_of_electrodes_follow_their_pitch(changed, tmp_path, device) -> None:
+@pytest.mark.parametrize("robot", ["pad.toml", "pad_mutual.toml"])
+def test_lines_of_electrodes_follow_their_pitch(changed, tmp_path, model) -> None:
     path = changed(
         PAD,
-        (str(CONFIGS / "pad.toml"), str(CONFIGS / device)),
+        (str(CONFIGS / "pad.toml"), str(CONFIGS / model)),
         ('measure = "unevenness"', 'measure = "force-error"\nforce = "5 N"\nplace_sigma = "electrodes"'),
         ("# What may change", PITCH + "\n# What may change"),
     )
     plan = load_design(path)
-    config = load(plan.device)
+    config = load(plan.robot)
     problem = build_problem(plan, config)
     theta = np.zeros(len(plan.parameters))
     theta[[parameter.name for parameter in plan.parameters].index("pitch")] = -1e-3
@@ -308,7 +308,7 @@ def test_lines_of_electrodes_follow_their_pitch(changed, tmp_path, device) -> No
 
 def test_lines_need_room_on_the_face_that_they_are_on(changed) -> None:
     plan = load_design(changed(PAD, ("# What may change", PITCH + "\n# What may change")))
-    config = load(plan.device)
+    config = load(plan.robot)
     ElectrodePitch.of(plan, config)
     # Along x and z of a side, which is 18 mm high.
     side = config.contacts[0].model_copy(update={"direction": (0.0, 1.0, 0.0)})
@@ -317,13 +317,13 @@ def test_lines_need_room_on_the_face_that_they_are_on(changed) -> None:
 
 
 def test_cavities_of_a_body_from_a_file_are_not_designed() -> None:
-    with pytest.raises(ConfigError, match=r"device: the body of .*dome.toml comes from a surface; cavities"):
+    with pytest.raises(ConfigError, match=r"robot: the body of .*dome.toml comes from a surface; cavities"):
         build_layout(load_design(PAD), load(CONFIGS / "dome.toml"))
 
 
 def test_sensors_whose_noise_a_plan_does_not_say_are_told() -> None:
     plan = load_design(FINGER)
-    config = load(plan.device)
+    config = load(plan.robot)
     tension = CableTensionSettings(name="pull", channels=("pull_N",), cables=(config.cables[0].name,))
     other = config.model_copy(update={"sensors": (*config.sensors, tension)})
     with pytest.raises(ConfigError, match='sensor "pull": designs know no noise of its kind'):
@@ -368,7 +368,7 @@ def test_what_a_calibration_said_of_other_cavities_is_left_out(changed, tmp_path
 
 def test_what_each_cavity_has_of_its_own_is_not_guessed(changed) -> None:
     plan = load_design(FINGER)
-    config = load(plan.device)
+    config = load(plan.robot)
     fewer = plan.model_copy(update={"cavities": plan.cavities[:4]})
     chambers = list(config.chambers)
     chambers[0] = chambers[0].model_copy(update={"dead_volume": 2e-7})

@@ -10,7 +10,7 @@ from softfuse.mechanics.model import simulate
 
 @pytest.fixture(scope="session")
 def volumes_under():
-    """volumes_under(device, places, force): volume changes (k,) at the equilibrium, compiled once."""
+    """volumes_under(robot, places, force): volume changes (k,) at the equilibrium, compiled once."""
     return eqx.filter_jit(lambda d, at, force: d.reading(simulate(d, at, force).state))
 
 

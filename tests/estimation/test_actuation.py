@@ -37,7 +37,7 @@ STEPS = 20
 
 
 class Robot(NamedTuple):
-    device: Model
+    model: Model
     free: Limits
 
 
@@ -57,27 +57,27 @@ def robot() -> Robot:
     readings = (ShapeReading(tip), AnswerReading((0, 1)))
     skin = Skin.of(boundary_faces(mesh).faces, mesh.nodes, 4.5e-3)
     contact = SurfacePatches(skin, uniform(rings=3, angles=8), 0.003)
-    device = Model(body, readings, (contact,), Dense.plan(body), (below, left))
+    model = Model(body, readings, (contact,), Dense.plan(body), (below, left))
     # A trace of regularisation keeps the cables that no target needs at rest.
-    return Robot(device, Limits(jnp.zeros(2), jnp.full(2, 20.0), jnp.full(2, 1e-9), motion=jnp.array(3e-3)))
+    return Robot(model, Limits(jnp.zeros(2), jnp.full(2, 20.0), jnp.full(2, 1e-9), motion=jnp.array(3e-3)))
 
 
 @pytest.fixture(scope="module")
 def reached():
-    """reached(device, limits, target, weight): state and report, compiled once for each kind of limits."""
+    """reached(robot, limits, target, weight): state and report, compiled once for each kind of limits."""
 
     @eqx.filter_jit
-    def go(device, limits, reading, weight):
+    def go(model, limits, reading, weight):
         seen = Observation(reading, jnp.diag(weight), NOWHERE)
-        return exact_steps(device, limits, device.rest_state(NOWHERE), seen, steps=STEPS)
+        return exact_steps(model, limits, model.rest_state(NOWHERE), seen, steps=STEPS)
 
     return go
 
 
-def _forward(device: Model, tensions) -> jnp.ndarray:
-    found = simulate(device, NOWHERE, jnp.asarray(tensions))
+def _forward(model: Model, tensions) -> jnp.ndarray:
+    found = simulate(model, NOWHERE, jnp.asarray(tensions))
     assert found.result == RESULTS.converged
-    return device.reading(found.state)
+    return model.reading(found.state)
 
 
 TIP_ONLY = jnp.array([1e3, 1e3, 1e3, 0.0, 0.0])
@@ -86,16 +86,16 @@ TIP_ONLY = jnp.array([1e3, 1e3, 1e3, 0.0, 0.0])
 @pytest.mark.slow
 def test_the_cables_bring_the_tip_where_it_was_seen(robot: Robot, reached) -> None:
     true = jnp.array([1.2, 0.5])
-    target = _forward(robot.device, true)
+    target = _forward(robot.model, true)
     assert float(jnp.linalg.norm(target[:3])) > 5e-3
-    state, report = reached(robot.device, robot.free, target, TIP_ONLY)
+    state, report = reached(robot.model, robot.free, target, TIP_ONLY)
     np.testing.assert_allclose(state.drive, true, rtol=1e-6)
     assert float(jnp.max(jnp.abs(report.misfit[:3]))) < 1e-9
 
 
 def test_an_unreachable_target_is_told_by_what_is_missing(robot: Robot, reached) -> None:
     """Cables cannot push: upwards and outwards the tip stays where it is, 8 and 3 mm short."""
-    state, report = reached(robot.device, robot.free, jnp.array([0.0, 3e-3, 8e-3, 0, 0]), TIP_ONLY)
+    state, report = reached(robot.model, robot.free, jnp.array([0.0, 3e-3, 8e-3, 0, 0]), TIP_ONLY)
     np.testing.assert_allclose(state.drive[0], 0.0, atol=1e-9)
     assert float(report.kkt) < 1e-9
     assert float(jnp.linalg.norm(report.misfit[:3])) > 7e-3
@@ -107,25 +107,25 @@ def test_a_cable_of_known_length_is_an_equality(robot: Robot, reached) -> None:
     endless = jnp.full(2, jnp.inf)
     known = (jnp.array([4e-3, -jnp.inf]), jnp.array([4e-3, jnp.inf]))
     limits = robot.free._replace(strokes=known)
-    state, report = reached(robot.device, limits, jnp.array([0, -4e-3, 0, 0, 0.0]), TIP_ONLY)
-    answer = robot.device.answers(state)
+    state, report = reached(robot.model, limits, jnp.array([0, -4e-3, 0, 0, 0.0]), TIP_ONLY)
+    answer = robot.model.answers(state)
     np.testing.assert_allclose(answer[0], 4e-3, rtol=0, atol=1e-11)
     assert float(report.kkt) < 1e-9
     assert float(state.drive[0]) > 0.1
     unbound = robot.free._replace(strokes=(-endless, endless))
-    same, _ = reached(robot.device, unbound, _forward(robot.device, [0.7, 0.1]), TIP_ONLY)
+    same, _ = reached(robot.model, unbound, _forward(robot.model, [0.7, 0.1]), TIP_ONLY)
     np.testing.assert_allclose(same.drive, [0.7, 0.1], rtol=1e-6)
 
 
 def test_lengths_and_positions_weigh_against_each_other(robot: Robot, reached) -> None:
     """A length that contradicts the tip pulls the estimate towards it as its weight says."""
-    reading = _forward(robot.device, [1.2, 0.0])
+    reading = _forward(robot.model, [1.2, 0.0])
     wrong = reading.at[3].add(-1e-3)
     shortened = []
     for weight in (0.0, 1e3, 1e6):
         weights = TIP_ONLY.at[3].set(weight)
-        state, _ = reached(robot.device, robot.free, wrong, weights)
-        shortened.append(float(robot.device.answers(state)[0]))
+        state, _ = reached(robot.model, robot.free, wrong, weights)
+        shortened.append(float(robot.model.answers(state)[0]))
     np.testing.assert_allclose(shortened[0], reading[3], rtol=1e-5)
     np.testing.assert_allclose(shortened[2], wrong[3], rtol=1e-5)
     assert shortened[2] < shortened[1] < shortened[0]
@@ -134,19 +134,19 @@ def test_lengths_and_positions_weigh_against_each_other(robot: Robot, reached) -
 @pytest.mark.slow
 def test_pushes_on_two_sides_are_told_apart(robot: Robot) -> None:
     """Two contacts along the current normals and no cable: the tip's coordinates tell both."""
-    device = robot.device
+    model = robot.model
     sides = (([0.045, SIDE, 0.006], (0, -1, 0)), ([0.045, 0.006, SIDE], (0, 0, -1)))
     places = jnp.array([facing(np.array(point), direction) for point, direction in sides])
     true = jnp.array([0.25, 0.15, 0.0, 0.0])
     limits = Limits(jnp.zeros(4), jnp.array([5.0, 5.0, 0.0, 0.0]), jnp.full(4, 1e-9), motion=jnp.array(3e-3))
 
     @eqx.filter_jit
-    def found(device):
-        seen = device.reading(simulate(device, places, true).state)
+    def found(model):
+        seen = model.reading(simulate(model, places, true).state)
         observation = Observation(seen, jnp.diag(jnp.array([1e4, 1e4, 1e4, 0.0, 0.0])), places)
-        return seen, exact_steps(device, limits, device.rest_state(places), observation, steps=STEPS)[0]
+        return seen, exact_steps(model, limits, model.rest_state(places), observation, steps=STEPS)[0]
 
-    seen, state = found(device)
+    seen, state = found(model)
     assert float(jnp.linalg.norm(seen[:3])) > 5e-3
     np.testing.assert_allclose(state.drive, true, rtol=1e-5, atol=1e-9)
 
@@ -154,10 +154,10 @@ def test_pushes_on_two_sides_are_told_apart(robot: Robot) -> None:
 @pytest.mark.slow
 def test_a_contact_is_in_the_middle_of_its_place_unless_the_readings_say_otherwise(robot: Robot) -> None:
     """Two patches 10 mm apart whose forces stand for one between them; it presses 2.5 mm beside it."""
-    (single,) = robot.device.contacts
+    (single,) = robot.model.contacts
     assert isinstance(single, SurfacePatches)
     contact = replace(single, offsets=jnp.array([-5e-3, 5e-3]))
-    device = replace(robot.device, contacts=(contact,))
+    model = replace(robot.model, contacts=(contact,))
     place = jnp.asarray(facing(np.array([[0.043, SIDE, 0.006]]), (0, -1, 0)))
     np.testing.assert_array_equal(place[0, 1], [1, 0, 0])
     np.testing.assert_allclose(contact.arms, [-5e-3, 5e-3], atol=1e-12)
@@ -169,12 +169,12 @@ def test_a_contact_is_in_the_middle_of_its_place_unless_the_readings_say_otherwi
         motion=jnp.array(3e-3),
         place=jnp.array(2e-3),
     )
-    target = eqx.filter_jit(lambda d: d.reading(simulate(d, place, true).state))(device)
+    target = eqx.filter_jit(lambda d: d.reading(simulate(d, place, true).state))(model)
 
     @eqx.filter_jit
     def found(weight):
         seen = Observation(target, jnp.diag(weight), place)
-        state, report = exact_steps(device, limits, device.rest_state(place), seen, steps=STEPS)
+        state, report = exact_steps(model, limits, model.rest_state(place), seen, steps=STEPS)
         return state.drive, report.misfit
 
     # The tip's way to the side alone does not say where: then it is the middle, and what the force must be.

@@ -13,16 +13,16 @@ AT = jnp.asarray(facing(np.array([[14e-3, -2e-3, 0.0]]), (0, 0, -1)))
 
 
 @pytest.fixture(scope="module")
-def estimator(device, one) -> Estimator:
-    return Estimator(device, one, AT)
+def estimator(model, one) -> Estimator:
+    return Estimator(model, one, AT)
 
 
 @pytest.fixture(scope="module")
-def press(device, volumes_under) -> list[Observation]:
+def press(model, volumes_under) -> list[Observation]:
     """A press from 0 to 9 N in 40 frames, with the volumes of the equilibria."""
     force = np.minimum(np.linspace(0, 12, 40), 9.0)
     whitening = 1e9 * jnp.eye(2)
-    return [Observation(volumes_under(device, AT, jnp.array([f])), whitening, AT) for f in force]
+    return [Observation(volumes_under(model, AT, jnp.array([f])), whitening, AT) for f in force]
 
 
 def test_it_follows_a_press(estimator: Estimator, press: list[Observation]) -> None:
@@ -70,25 +70,23 @@ def test_volumes_that_no_force_explains_leave_a_finite_state(estimator: Estimato
     np.testing.assert_allclose(found.drive[0], 9.0, rtol=1e-6)
 
 
-def test_more_steps_a_frame_follow_closer(device, one, press: list[Observation]) -> None:
-    patient = Estimator(device, one, AT, StepSettings(steps_per_frame=3))
+def test_more_steps_a_frame_follow_closer(model, one, press: list[Observation]) -> None:
+    patient = Estimator(model, one, AT, StepSettings(steps_per_frame=3))
     force = np.array([patient.update(seen).drive[0] for seen in press])
     np.testing.assert_allclose(force, np.minimum(np.linspace(0, 12, 40), 9.0), atol=1e-3)
 
 
 @pytest.mark.slow
-def test_shortened_steps_are_told_and_caught_up(device, one, press: list[Observation]) -> None:
+def test_shortened_steps_are_told_and_caught_up(model, one, press: list[Observation]) -> None:
     """The whole press within one frame: a step of a tenth of the motion is told, thirty of them arrive."""
-    full = Estimator(device, one, AT, StepSettings(steps_per_frame=10))
+    full = Estimator(model, one, AT, StepSettings(steps_per_frame=10))
     full.update(press[-1])
-    moved = float(jnp.max(jnp.abs(full.state.z[: device.body.n_displacements])))
+    moved = float(jnp.max(jnp.abs(full.state.z[: model.body.n_displacements])))
     bound = one._replace(motion=jnp.asarray(moved / 10))
-    single = Estimator(device, bound, AT)
+    single = Estimator(model, bound, AT)
     found = single.update(press[-1])
     assert float(found.report.taken) < 0.2
-    assert float(jnp.max(jnp.abs(single.state.z[: device.body.n_displacements]))) < 0.2 * moved
-    caught = Estimator(device, bound, AT, StepSettings(steps_per_frame=2, catch_up_steps=30)).update(
-        press[-1]
-    )
+    assert float(jnp.max(jnp.abs(single.state.z[: model.body.n_displacements]))) < 0.2 * moved
+    caught = Estimator(model, bound, AT, StepSettings(steps_per_frame=2, catch_up_steps=30)).update(press[-1])
     assert float(caught.report.taken) == 1.0
     np.testing.assert_allclose(caught.drive[0], 9.0, rtol=0.02)

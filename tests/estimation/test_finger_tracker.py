@@ -39,10 +39,10 @@ Poses = dict[str, np.ndarray]
 @pytest.fixture(scope="module")
 def poses(tracker: Tracker) -> Poses:
     """Readings (7,) of the model: gauge pressures [Pa] and shortening [m], by the name of the pose."""
-    device, electrodes = tracker.robot.model, np.array(list(tracker.robot.settings.places.values()))
+    model, electrodes = tracker.robot.model, np.array(list(tracker.robot.settings.places.values()))
     sealed = jnp.full(6, 101325.0)
     places, seen = jnp.asarray(electrodes[[ELECTRODE, 0]]), {"rest": np.zeros(7)}
-    state = device.rest_state(places)
+    state = model.rest_state(places)
     for name, force, tension in (
         ("half pulled", 0.0, TENSION / 2),
         ("pulled", 0.0, TENSION),
@@ -51,8 +51,8 @@ def poses(tracker: Tracker) -> Poses:
     ):
         # Both ends of the electrode are pressed equally: the contact is in its middle.
         drive = jnp.concatenate([jnp.array([force / 2, force / 2, 0.0, 0.0, tension]), sealed])
-        state = simulate(device, places, drive, state).state
-        seen[name] = np.asarray(device.reading(state))
+        state = simulate(model, places, drive, state).state
+        seen[name] = np.asarray(model.reading(state))
     return seen
 
 

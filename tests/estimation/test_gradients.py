@@ -53,7 +53,7 @@ AT = Given(jnp.asarray(GUIDES), jnp.ones(()), jnp.asarray(SHORTENED))
 
 @pytest.fixture(scope="module")
 def pulled() -> Model:
-    """The device as it is estimated: the tension is unknown, the cable's length a reading."""
+    """The robot as it is estimated: the tension is unknown, the cable's length a reading."""
     mesh = mesh_for(LINEAR, pad_mesh(GEOMETRY, 0.04, 0.04))
     x = mesh.nodes[:, 0]
     body = Body.from_mesh(mesh, [NeoHookean.from_young(0.6e6, 0.3)], x < x.min() + 1e-9, element=LINEAR)
@@ -68,12 +68,12 @@ def pulled() -> Model:
     return Model(body, readings, (contact,), Dense.plan(body), (cable, gas))
 
 
-def _with(device: Model, given: Given) -> Model:
-    """The device with other guides and another modulus."""
-    law = device.body.materials[0]
+def _with(model: Model, given: Given) -> Model:
+    """The robot with other guides and another modulus."""
+    law = model.body.materials[0]
     scaled = jax.tree.map(lambda constant: constant * given.modulus, law)
     return eqx.tree_at(
-        lambda d: (d.actuators[0].ports.points.location, d.body.materials[0]), device, (given.guides, scaled)
+        lambda d: (d.actuators[0].ports.points.location, d.body.materials[0]), model, (given.guides, scaled)
     )
 
 
@@ -105,13 +105,13 @@ def _agree(function: Callable[[Given], jnp.ndarray], tolerance: float) -> None:
 @pytest.mark.slow
 def test_tip_and_pressures(pulled: Model) -> None:
     def measured(given: Given) -> jnp.ndarray:
-        device = _with(pulled, given)
-        cable = device.actuators[0]
+        model = _with(pulled, given)
+        cable = model.actuators[0]
         assert isinstance(cable, PulledCable)
-        held = ShortenedCable.of(cable, device.body)
-        device = eqx.tree_at(lambda d: d.actuators, device, (held, device.actuators[1]))
+        held = ShortenedCable.of(cable, model.body)
+        model = eqx.tree_at(lambda d: d.actuators, model, (held, model.actuators[1]))
         drive = jnp.concatenate([jnp.array([FORCE]), given.shortened[None], jnp.full(2, SEALED)])
-        reading = device.reading(simulate(device, PLACE, drive).state)
+        reading = model.reading(simulate(model, PLACE, drive).state)
         return jnp.concatenate([reading[:3] / 1e-3, reading[4:] / 1e3])
 
     _agree(measured, 1e-5)

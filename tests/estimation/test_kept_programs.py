@@ -50,9 +50,9 @@ def traced(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return names
 
 
-def pressed(device: Model, one: Limits, settings: StepSettings = DEFAULT_STEPS) -> list[np.ndarray]:
+def pressed(model: Model, one: Limits, settings: StepSettings = DEFAULT_STEPS) -> list[np.ndarray]:
     """All numbers of some frames with a growing force."""
-    following = Estimator(device, one, AT, settings)
+    following = Estimator(model, one, AT, settings)
     found = []
     for part in np.linspace(0, 1, 12):
         seen = Observation(part * jnp.array([-1e-8, -4e-7]), 1e9 * jnp.eye(2), AT)
@@ -168,11 +168,11 @@ def test_another_xla_that_does_not_know_the_options_compiles_without_them(monkey
 
 @pytest.mark.slow
 def test_what_calls_another_library_is_traced_at_every_start(plain_device, one, folder, traced):
-    device = replace(plain_device, linear=SparseLU.plan(plain_device.body))
-    first = pressed(device, one)
+    model = replace(plain_device, linear=SparseLU.plan(plain_device.body))
+    first = pressed(model, one)
     assert not [path for path in folder.iterdir() if path.name.startswith("step")]
     del traced[:]
-    assert same_bits(first, pressed(device, one))
+    assert same_bits(first, pressed(model, one))
     assert traced == ["estimate_step"]
 
 

@@ -53,17 +53,17 @@ def heights_and_forces() -> tuple[np.ndarray, np.ndarray]:
     return MM * np.stack([one[0], other[0]], axis=1), np.stack([one[1], other[1]], axis=1)
 
 
-def volumes_of(device: Model, forces: np.ndarray) -> np.ndarray:
+def volumes_of(model: Model, forces: np.ndarray) -> np.ndarray:
     """Volume changes (n, k) [m³] under both forces of each frame (n, 2)."""
     places = jnp.asarray(facing(MM * np.array([[*ONE, 0.0], [*OTHER, 0.0]]), (0, 0, -1)))
-    levels, state = np.linspace(0.0, 1.0, 5), device.rest_state(places)
+    levels, state = np.linspace(0.0, 1.0, 5), model.rest_state(places)
 
     def under(one, other):
         nonlocal state
-        solution = simulate(device, places, jnp.array([one, other]), state)
+        solution = simulate(model, places, jnp.array([one, other]), state)
         assert solution.result == RESULTS.converged
         state = solution.state
-        return np.asarray(device.reading(state))
+        return np.asarray(model.reading(state))
 
     alone = np.array([under(s * FORCES_N[0], 0.0) for s in levels])
     both = np.array([under(FORCES_N[0], s * FORCES_N[1]) for s in levels])
@@ -107,7 +107,7 @@ def tracker(tmp_path_factory: pytest.TempPathFactory, calibrated_grid: Callable)
 def found(tracker: Tracker) -> dict[int, Tracked]:
     """Every frame sensed, every tenth estimated; nothing is compiled meanwhile."""
     heights, forces = heights_and_forces()
-    volume = volumes_of(tracker.estimator.device, forces)
+    volume = volumes_of(tracker.estimator.model, forces)
     flow = -np.gradient(volume, TIME, axis=0)
     noise = np.random.default_rng(2).normal(0.0, 2e-3, flow.shape)
     sensor = d6f_p0001a1(len(flow.T))

@@ -1,4 +1,4 @@
-"""What the sensors of a device can tell of one contact."""
+"""What the sensors of a robot can tell of one contact."""
 
 from dataclasses import replace
 

@@ -20,20 +20,20 @@ STEPS = 12
 
 
 @pytest.fixture(scope="module")
-def device(plain_device):
+def model(plain_device):
     """What the step does depends neither on the element nor on the linear solver."""
     return plain_device
 
 
 @pytest.fixture(scope="module")
 def read():
-    """read(device, places, drive): readings at the equilibrium, compiled once."""
+    """read(robot, places, drive): readings at the equilibrium, compiled once."""
     return eqx.filter_jit(lambda d, at, force: d.reading(simulate(d, at, force).state))
 
 
 @pytest.fixture(scope="module")
 def stepped():
-    """stepped(device, limits, seen): state and report after exact steps from rest, compiled once."""
+    """stepped(robot, limits, seen): state and report after exact steps from rest, compiled once."""
     return eqx.filter_jit(
         lambda d, lim, seen: exact_steps(d, lim, d.rest_state(seen.places), seen, steps=STEPS)
     )
@@ -49,7 +49,7 @@ def observed(reading, sigma: float, reach: float = 1.0, at=SEEN_AT, white: float
 
 
 @pytest.mark.parametrize("force", [0.5, 6.0])
-def test_readings_move_with_a_place_as_full_solves_do(device, read, force: float) -> None:
+def test_readings_move_with_a_place_as_full_solves_do(model, read, force: float) -> None:
     @eqx.filter_jit
     def slopes(d, at, drive):
         state = simulate(d, at, drive).state
@@ -58,32 +58,32 @@ def test_readings_move_with_a_place_as_full_solves_do(device, read, force: float
         return moving.derivative(d.reading)[1]
 
     h, drive = 1e-6, jnp.array([force])
-    found = slopes(device, AT, drive)
+    found = slopes(model, AT, drive)
     assert found.shape == (2, 3)
     for axis in (0, 1):
         step = h * jnp.eye(2)[axis]
-        wanted = read(device, moved(AT, step), drive) - read(device, moved(AT, -step), drive)
+        wanted = read(model, moved(AT, step), drive) - read(model, moved(AT, -step), drive)
         wanted = wanted / (2 * h)
         np.testing.assert_allclose(found[:, 1 + axis], wanted, rtol=1e-5, atol=1e-9 * force)
 
 
-def test_a_known_place_is_held(device, read, stepped, one) -> None:
-    reading = read(device, AT, TRUE)
-    state, report = stepped(device, one, observed(reading, 0.0))
-    plain, known = stepped(device, one, Observation(reading, 1e9 * jnp.eye(2), SEEN_AT))
+def test_a_known_place_is_held(model, read, stepped, one) -> None:
+    reading = read(model, AT, TRUE)
+    state, report = stepped(model, one, observed(reading, 0.0))
+    plain, known = stepped(model, one, Observation(reading, 1e9 * jnp.eye(2), SEEN_AT))
     np.testing.assert_allclose(state.drive, plain.drive, rtol=1e-9)
     np.testing.assert_allclose(report.offset, 0.0, atol=1e-15)
     np.testing.assert_allclose(report.misfit, known.misfit, atol=1e-18)
 
 
-def test_steps_end_where_force_and_place_are_most_probable(device, read, stepped, unregularised) -> None:
-    reading = read(device, AT, TRUE)
-    state, report = stepped(device, unregularised, observed(reading, SIGMA))
+def test_steps_end_where_force_and_place_are_most_probable(model, read, stepped, unregularised) -> None:
+    reading = read(model, AT, TRUE)
+    state, report = stepped(model, unregularised, observed(reading, SIGMA))
 
     def cost(x):
         """Minus twice the logarithm of the posterior density, at a force [N] and an offset [mm]."""
         at = moved(SEEN_AT, 1e-3 * x[1:])
-        missed = 1e9 * (reading - read(device, at, x[:1]))
+        missed = 1e9 * (reading - read(model, at, x[:1]))
         return float(missed @ missed + jnp.sum((1e-3 * x[1:] / SIGMA) ** 2))
 
     found = np.array([float(state.drive[0]), *(1e3 * np.asarray(report.offset[0]))])
@@ -99,29 +99,29 @@ def test_steps_end_where_force_and_place_are_most_probable(device, read, stepped
     # The readings were made nearer than the prior says.
     assert np.linalg.norm(found[1:]) > 0.1
     assert abs(found[0] - 6.0) < abs(
-        float(stepped(device, unregularised, observed(reading, 0.0))[0].drive[0]) - 6.0
+        float(stepped(model, unregularised, observed(reading, 0.0))[0].drive[0]) - 6.0
     )
 
 
-def test_a_place_stays_within_its_reach(device, read, stepped, one) -> None:
-    state, report = stepped(device, one, observed(read(device, AT, TRUE), 10 * SIGMA, reach=0.2e-3))
+def test_a_place_stays_within_its_reach(model, read, stepped, one) -> None:
+    state, report = stepped(model, one, observed(read(model, AT, TRUE), 10 * SIGMA, reach=0.2e-3))
     assert float(report.kkt) < 1e-6
     # So much in every step.
     assert np.max(np.abs(np.asarray(report.offset))) <= STEPS * 0.2e-3 + 1e-12
     single = eqx.filter_jit(lambda d, seen: exact_steps(d, one, d.rest_state(seen.places), seen, steps=2))
-    _, report = single(device, observed(read(device, AT, TRUE), 10 * SIGMA, reach=0.2e-3))
+    _, report = single(model, observed(read(model, AT, TRUE), 10 * SIGMA, reach=0.2e-3))
     assert np.max(np.abs(np.asarray(report.offset))) <= 0.4e-3 + 1e-12
 
 
 @pytest.mark.slow
-def test_forces_and_places_scatter_by_what_the_information_says(device, read, stepped, unregularised) -> None:
+def test_forces_and_places_scatter_by_what_the_information_says(model, read, stepped, unregularised) -> None:
     """Noise of readings and of where the contact was seen, drawn from what the step is told."""
     rng, white = np.random.default_rng(5), 1e8
-    reading, off = read(device, AT, TRUE), []
+    reading, off = read(model, AT, TRUE), []
     for noise, seen in zip(rng.normal(size=(200, 2)), rng.normal(size=(200, 2)), strict=True):
         at = moved(AT, 0.3 * SIGMA * jnp.asarray(seen))
         observation = observed(reading + noise / white, 0.3 * SIGMA, at=at, white=white)
-        state, report = stepped(device, unregularised, observation)
+        state, report = stepped(model, unregularised, observation)
         sigma = np.sqrt(np.diag(np.linalg.inv(report.information))) * np.array(
             [1.0, 0.3 * SIGMA, 0.3 * SIGMA]
         )

@@ -35,14 +35,14 @@ class Pattern(NamedTuple):
 
 @pytest.fixture(scope="module")
 def patched(plain_device: Model) -> Model:
-    """The small device, pressed by a patch of 4 mm."""
+    """The small robot, pressed by a patch of 4 mm."""
     (punch,) = plain_device.contacts
     patch = SurfacePatches(punch.surface, uniform(rings=2, angles=6), 4 * MM)
     return replace(plain_device, contacts=(patch,))
 
 
-def pushed(device: Model, places: np.ndarray, state) -> np.ndarray:
-    return np.asarray(push_response(device, jnp.asarray(places), state))
+def pushed(model: Model, places: np.ndarray, state) -> np.ndarray:
+    return np.asarray(push_response(model, jnp.asarray(places), state))
 
 
 @pytest.fixture(scope="module")
@@ -63,12 +63,12 @@ def test_the_pattern_is_that_of_the_shape_that_the_robot_has(patched: Model, pat
     cavity = patched.readings[0].functional
     ports = VolumePorts.of((cavity,), patched.body)
     driven = PrescribedForce.on(ports, patched.body, jnp.full(1, 1e3))
-    device = replace(patched, actuators=(driven,))
+    model = replace(patched, actuators=(driven,))
     place = jnp.asarray(pattern.place[2])[None]
-    drive = device.rest_state(place).drive.at[-1].set(2e4).at[0].set(1e-6)
-    state = simulate(device, place, drive).state
-    found = pushed(device, np.asarray(place), state)[0]
-    np.testing.assert_allclose(found, compliance(device, place, drive)[:, 0], rtol=1e-5)
+    drive = model.rest_state(place).drive.at[-1].set(2e4).at[0].set(1e-6)
+    state = simulate(model, place, drive).state
+    found = pushed(model, np.asarray(place), state)[0]
+    np.testing.assert_allclose(found, compliance(model, place, drive)[:, 0], rtol=1e-5)
     assert np.abs(found / pattern.slope[2] - 1).max() > 0.05
 
 

@@ -14,7 +14,7 @@ AT, FORCE = jnp.asarray(facing(np.array([[-12e-3, 3e-3, 0.0]]), (0, 0, -1))), jn
 
 @pytest.fixture(scope="module")
 def shape():
-    """shape(device, places, drive): displacements (k, 3) m at the equilibrium, compiled once."""
+    """shape(robot, places, drive): displacements (k, 3) m at the equilibrium, compiled once."""
     return eqx.filter_jit(lambda d, at, force: d.body.displacement(simulate(d, at, force).state.z))
 
 

@@ -134,7 +134,7 @@ def test_faces_that_move_less_than_the_margin_are_still_found(pad) -> None:
 
 @pytest.mark.parametrize("direction", [DOWN, OBLIQUE], ids=["straight", "oblique"])
 def test_rows_and_their_slopes_are_those_of_the_test_of_every_face(slotted, direction) -> None:
-    """At many places at once, as a device looks at them, overhanging ones among them."""
+    """At many places at once, as a robot looks at them, overhanging ones among them."""
     law, held = NeoHookean.from_young(1e5, 0.4), slotted.nodes[:, 2] == 0.0
     body = Body.from_mesh(slotted, [law], held, element=TAYLOR_HOOD)
     bucketed = Contact(

@@ -145,9 +145,9 @@ def test_a_layer_is_compliance_that_each_cell_has_for_itself(seed: int) -> None:
     np.testing.assert_allclose(found.depth, expected.depth, rtol=1e-8)
 
 
-def test_under_a_layer_much_softer_than_the_body_pressure_is_uniform(device) -> None:
-    soft = 1e4 * 8e-3 / float(device.body.pressure_unit)
-    padded = eqx.tree_at(lambda d: d.contacts[0].compliance, device, jnp.asarray(soft))
+def test_under_a_layer_much_softer_than_the_body_pressure_is_uniform(model) -> None:
+    soft = 1e4 * 8e-3 / float(model.body.pressure_unit)
+    padded = eqx.tree_at(lambda d: d.contacts[0].compliance, model, jnp.asarray(soft))
     place, force = facing(np.array([[0.004, 0.002, 0.018]]), (0, 0, -1)), jnp.array([2.0])
     state = simulate(padded, place, force).state
     areas = 8e-3**2 * np.asarray(padded.contacts[0].cells.area)

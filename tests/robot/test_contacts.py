@@ -208,10 +208,10 @@ def test_forces_are_estimated_from_markers(build: Build, model: str, true: list[
     places = jnp.asarray(Trial.of(robot, [Press(None, "4,1,11.5", 0.1)]).places)
 
     @eqx.filter_jit
-    def found(device, limits, drive):
-        reading = device.reading(simulate(device, places, drive).state, places)
+    def found(model, limits, drive):
+        reading = model.reading(simulate(model, places, drive).state, places)
         seen = Observation(reading, jnp.diag(jnp.full(len(reading), 1e6)), places)
-        return exact_steps(device, limits, device.rest_state(places), seen, steps=12)[0].drive
+        return exact_steps(model, limits, model.rest_state(places), seen, steps=12)[0].drive
 
     np.testing.assert_allclose(found(robot.model, limits_of(robot), jnp.array(true)), true, rtol=1e-4)
 

@@ -311,7 +311,7 @@ def test_files_are_found_from_the_folder_of_the_config(tmp_path: Path, pad_text:
 
 def test_what_is_no_toml_is_told_with_its_line(tmp_path: Path) -> None:
     path = tmp_path / "robot.toml"
-    path.write_text('[device]\nname = "a\n')
+    path.write_text('[robot]\nname = "a\n')
     with pytest.raises(ConfigError, match=rf"^{path}: not valid TOML: .*\(at line 2, column 10\)$"):
         load(path)
     path.write_bytes(b"name = '\xff'")

@@ -39,23 +39,23 @@ def test_the_finger_is_that_of_the_design(write_finger: Write) -> None:
 
 def test_the_mesh_has_its_cavities_in_order_and_is_held_at_its_base(write_finger: Write) -> None:
     config = load(write_finger())
-    device = build_mesh(config)
-    mesh = device.mesh
+    model = build_mesh(config)
+    mesh = model.mesh
     assert mesh.order == 2
     assert len(mesh.nodes) <= 7500
     assert mesh_quality(mesh).mean_ratio.least > 0.15
     assert volumes(mesh).sum() == pytest.approx(41_520e-9)
-    for cavity, settings in zip(device.cavities, config.chambers, strict=True):
+    for cavity, settings in zip(model.cavities, config.chambers, strict=True):
         assert enclosed_volume(mesh.nodes, cavity.faces) == pytest.approx(480e-9)
         np.testing.assert_allclose(centroid(mesh.nodes, cavity.faces), settings.centre, atol=1e-12)
-    np.testing.assert_array_equal(device.fixed, mesh.nodes[:, 0] < 1e-9)
+    np.testing.assert_array_equal(model.fixed, mesh.nodes[:, 0] < 1e-9)
 
 
 def test_cavities_may_be_listed_in_any_order_and_lie_at_any_height(write_finger: Write) -> None:
     swap = (TIP_LEFT, '["90 mm", "-5 mm", "13.5 mm"]'), (TIP_RIGHT, '["90 mm", "5 mm", "11.5 mm"]')
     config = load(write_finger(*swap))
-    device = build_mesh(config)
-    found = [centroid(device.mesh.nodes, cavity.faces) for cavity in device.cavities]
+    model = build_mesh(config)
+    found = [centroid(model.mesh.nodes, cavity.faces) for cavity in model.cavities]
     np.testing.assert_allclose(found, [c.centre for c in config.chambers], atol=1e-12)
 
 
@@ -71,9 +71,9 @@ def test_sizes_and_growth_reach_the_mesh(write_finger: Write) -> None:
 
 
 def test_a_solid_finger_needs_no_cavities(write_finger: Write, finger_text: str) -> None:
-    device = build_mesh(load(write_finger((finger_text[finger_text.index("[[chamber]]\nname") :], ""))))
-    assert device.cavities == ()
-    assert volumes(device.mesh).sum() == pytest.approx(44_400e-9)
+    model = build_mesh(load(write_finger((finger_text[finger_text.index("[[chamber]]\nname") :], ""))))
+    assert model.cavities == ()
+    assert volumes(model.mesh).sum() == pytest.approx(44_400e-9)
 
 
 @pytest.mark.parametrize(

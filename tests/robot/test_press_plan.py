@@ -28,7 +28,7 @@ PALM = '[[cable]]\nname = "palm"\n'
 
 @pytest.fixture
 def series(tmp_path: Path) -> Callable[[str, Path], list[Series]]:
-    """series(text, config): what a plan of this text gives for the device of a config."""
+    """series(text, config): what a plan of this text gives for the robot of a config."""
 
     def build(text: str, config: Path) -> list[Series]:
         path = tmp_path / "plan.toml"
@@ -188,7 +188,7 @@ def test_a_digest_is_of_files_too(write: Write, tmp_path: Path, pad_text: str) -
         (PAD, GRID + PALM + "tension = { values = [] }\n", "cable[0].tension.values: the list is empty"),
         (PAD, GRID + PALM, "cable[0]: give either shortening or tension"),
         (PAD, GRID + PALM + 'tension = { values = ["1 N"] }\n', "cable[0].name: "),
-        (FINGER, GRID, 'places.type: this device is pressed at its electrodes: give "electrodes"'),
+        (FINGER, GRID, 'places.type: this robot is pressed at its electrodes: give "electrodes"'),
         (
             FINGER,
             ELECTRODES.replace("[forces]", 'names = ["toe"]\n[forces]'),

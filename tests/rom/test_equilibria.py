@@ -16,61 +16,61 @@ PLACE = jnp.asarray(facing(np.array([[-12e-3, 3e-3, 0.0]]), (0, 0, -1)))
 
 
 @eqx.filter_jit
-def followed(device: Model, place, drive, start: State, factor):
-    """`follow` on a device."""
-    return follow(device.linear, device.body, device.loads(place), drive, start, factor)
+def followed(model: Model, place, drive, start: State, factor):
+    """`follow` on a robot."""
+    return follow(model.linear, model.body, model.loads(place), drive, start, factor)
 
 
 @eqx.filter_jit
-def factor_of(device: Model, place, state: State):
-    """`rough_factor` on a device."""
-    return rough_factor(device.linear, device.body, device.loads(place), state)
+def factor_of(model: Model, place, state: State):
+    """`rough_factor` on a robot."""
+    return rough_factor(model.linear, model.body, model.loads(place), state)
 
 
 @eqx.filter_jit
-def stepped(device: Model, place, drive, state: State, factor):
-    """`step_to` on a device."""
-    return step_to(device.linear, device.body, device.loads(place), drive, state, factor)[0]
+def stepped(model: Model, place, drive, state: State, factor):
+    """`step_to` on a robot."""
+    return step_to(model.linear, model.body, model.loads(place), drive, state, factor)[0]
 
 
 @pytest.mark.slow
-def test_an_equilibrium_is_the_one_that_newtons_method_finds(device) -> None:
-    rest = device.rest_state(PLACE)
-    factor, state = factor_of(device, PLACE, rest), rest
+def test_an_equilibrium_is_the_one_that_newtons_method_finds(model) -> None:
+    rest = model.rest_state(PLACE)
+    factor, state = factor_of(model, PLACE, rest), rest
     for force in (3.0, 6.0):
-        found = followed(device, PLACE, jnp.array([force]), state, factor)
+        found = followed(model, PLACE, jnp.array([force]), state, factor)
         assert bool(found.converged)
         state, factor = found.state, found.factor
-    exact = simulate(device, PLACE, jnp.array([6.0]))
+    exact = simulate(model, PLACE, jnp.array([6.0]))
     assert exact.result == RESULTS.converged
-    moves = slice(0, device.body.n_displacements)
+    moves = slice(0, model.body.n_displacements)
     np.testing.assert_allclose(state.z[moves], exact.state.z[moves], atol=1e-10)
     np.testing.assert_allclose(state.force, exact.state.force, atol=1e-5)
 
 
-def test_fewer_factors_than_steps(device) -> None:
-    rest = device.rest_state(PLACE)
-    found = followed(device, PLACE, jnp.array([4.0]), rest, factor_of(device, PLACE, rest))
+def test_fewer_factors_than_steps(model) -> None:
+    rest = model.rest_state(PLACE)
+    found = followed(model, PLACE, jnp.array([4.0]), rest, factor_of(model, PLACE, rest))
     assert bool(found.converged)
     assert 0 < int(found.factors) < int(found.steps)
 
 
-def test_one_step_to_a_neighbour_misses_it_by_the_square_of_the_distance(device) -> None:
-    rest = device.rest_state(PLACE)
-    at = followed(device, PLACE, jnp.array([5.0]), rest, factor_of(device, PLACE, rest)).state
-    factor = factor_of(device, PLACE, at)
+def test_one_step_to_a_neighbour_misses_it_by_the_square_of_the_distance(model) -> None:
+    rest = model.rest_state(PLACE)
+    at = followed(model, PLACE, jnp.array([5.0]), rest, factor_of(model, PLACE, rest)).state
+    factor = factor_of(model, PLACE, at)
     missed = []
     for distance in (1.0, 0.5, 0.25):
         drive = jnp.array([5.0 + distance])
-        exact = simulate(device, PLACE, drive).state.z
-        missed.append(float(jnp.max(jnp.abs(stepped(device, PLACE, drive, at, factor).z - exact))))
+        exact = simulate(model, PLACE, drive).state.z
+        missed.append(float(jnp.max(jnp.abs(stepped(model, PLACE, drive, at, factor).z - exact))))
     slopes = np.diff(np.log(missed)) / np.log(0.5)
     assert np.all(slopes > 1.7)
 
 
-def test_a_load_that_the_body_cannot_carry_is_not_converged(device) -> None:
-    rest = device.rest_state(PLACE)
-    found = followed(device, PLACE, jnp.array([4000.0]), rest, factor_of(device, PLACE, rest))
+def test_a_load_that_the_body_cannot_carry_is_not_converged(model) -> None:
+    rest = model.rest_state(PLACE)
+    found = followed(model, PLACE, jnp.array([4000.0]), rest, factor_of(model, PLACE, rest))
     assert not bool(found.converged)
 
 

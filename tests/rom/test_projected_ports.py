@@ -77,11 +77,11 @@ def states(pair: Pair) -> tuple[State, State]:
 
 def test_ports_have_the_same_values_and_the_projected_rows(pair) -> None:
     exact, found = states(pair)
-    for device, state, modes in ((pair.full, exact, pair.modes), (pair.small, found, np.eye(MODES))):
-        loads = device.loads(pair.places)
-        values = np.asarray(jax.jit(lambda d, z, loads=loads: loads.values(d.body, z))(device, state.z))
-        rows = modes.T @ np.asarray(jax.jit(lambda d, z, loads=loads: loads.rows(d.body, z))(device, state.z))
-        if device is pair.full:
+    for model, state, modes in ((pair.full, exact, pair.modes), (pair.small, found, np.eye(MODES))):
+        loads = model.loads(pair.places)
+        values = np.asarray(jax.jit(lambda d, z, loads=loads: loads.values(d.body, z))(model, state.z))
+        rows = modes.T @ np.asarray(jax.jit(lambda d, z, loads=loads: loads.rows(d.body, z))(model, state.z))
+        if model is pair.full:
             expected = values, rows, np.asarray(loads.supports)
     np.testing.assert_allclose(values, expected[0], rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(
@@ -93,8 +93,8 @@ def test_ports_have_the_same_values_and_the_projected_rows(pair) -> None:
 def test_pressures_and_springs_stiffen_modes_as_they_stiffen_nodes(pair) -> None:
     exact, found = states(pair)
     added = []
-    for device, state in ((pair.full, exact), (pair.small, found)):
-        loads, body = device.loads(pair.places), device.body
+    for model, state in ((pair.full, exact), (pair.small, found)):
+        loads, body = model.loads(pair.places), model.body
         pushed = State(state.z, 1e5 * state.force, state.internal, state.drive)
         tangents = [
             np.asarray(jax.jit(lambda b, s, loads=loads: loaded_tangents(b, loads, s))(body, pushed)),

@@ -45,48 +45,48 @@ UNSEEN = [((-12.3 * MM, 3.1 * MM), 6.0), ((-9.3 * MM, 0.4 * MM), 7.5), ((-14.9 *
 
 
 def at(x: float, y: float) -> jax.Array:
-    """One place, as a device wants it."""
+    """One place, as a robot wants it."""
     return jnp.asarray(facing(np.array([[x, y, 0.0]]), (0, 0, -1)))
 
 
-def device_loads(device: Model) -> Callable[[AbstractBody, jax.Array], Loads]:
-    """The loads of a device on any body with its nodes, at places (c, 3, 3)."""
-    return lambda body, places: replace(device, body=body).loads(places)
+def device_loads(model: Model) -> Callable[[AbstractBody, jax.Array], Loads]:
+    """The loads of a robot on any body with its nodes, at places (c, 3, 3)."""
+    return lambda body, places: replace(model, body=body).loads(places)
 
 
 class Taught(NamedTuple):
-    """The device with a reduced body, the chart that it is from, the same body watching all nodes, and its
+    """The robot with a reduced body, the chart that it is from, the same body watching all nodes, and its
     states (t, n) at unseen presses.
     """
 
-    device: Model
+    model: Model
     chart: Chart
     watching: ReducedBody
     states: np.ndarray
 
 
 @pytest.fixture(scope="module")
-def stiffness(device: Model) -> RestStiffness:
+def stiffness(model: Model) -> RestStiffness:
     """Of the full body."""
-    assert isinstance(device.body, Body)
-    return rest_stiffness(device.body)
+    assert isinstance(model.body, Body)
+    return rest_stiffness(model.body)
 
 
 @pytest.fixture(scope="module")
-def taught(device: Model, stiffness: RestStiffness) -> Taught:
-    """The small device around one place, from four load paths."""
-    body = device.body
+def taught(model: Model, stiffness: RestStiffness) -> Taught:
+    """The small robot around one place, from four load paths."""
+    body = model.body
     assert isinstance(body, Body)
     chart = teach(
-        device.linear,
+        model.linear,
         body,
         stiffness,
-        device_loads(device),
+        device_loads(model),
         presses(CELL, 8.0, side=2, levels=3, near=6),
         around=[jnp.asarray(place)[None] for place in CELL.grid(9)],
         settings=ChartSettings(displacements=45, pressures=18),
     )
-    small = reduced_model(device, stiffness, chart, NONE)
+    small = reduced_model(model, stiffness, chart, NONE)
     states = [simulate(small, at(*place), jnp.array([force])).state.z for place, force in UNSEEN]
     watching = project(body, stiffness, chart._replace(watched=np.arange(body.n_nodes)))
     return Taught(small, chart, watching, np.array(states))
@@ -149,7 +149,7 @@ def test_with_all_points_it_is_the_projection_of_the_full_body(heavy: Body, beyo
 
 
 def test_its_tangent_is_the_slope_of_its_residual(taught: Taught) -> None:
-    body = taught.device.body
+    body = taught.model.body
     z = jnp.asarray(taught.states[0])
     slope = jax.jit(jax.jacfwd(ReducedBody.residual, argnums=1))(body, z)
     tangent = jax.jit(ReducedBody.element_tangents)(body, z)[0]
@@ -158,7 +158,7 @@ def test_its_tangent_is_the_slope_of_its_residual(taught: Taught) -> None:
 
 
 def test_its_tangent_acts_on_directions_without_being_made(taught: Taught) -> None:
-    body, z = taught.device.body, jnp.asarray(taught.states[1])
+    body, z = taught.model.body, jnp.asarray(taught.states[1])
     whole = jax.jit(ReducedBody.element_tangents)(body, z)[0]
     directions = jnp.asarray(np.random.default_rng(1).normal(size=(body.n, 3)))
     acted = jax.jit(lambda b, z, x: b.tangent_action(z)(x))(body, z, directions)
@@ -166,14 +166,14 @@ def test_its_tangent_acts_on_directions_without_being_made(taught: Taught) -> No
 
 
 def test_single_precision_moves_forces_by_a_hundred_thousandth(taught: Taught) -> None:
-    body, z = taught.device.body, jnp.asarray(taught.states[1])
+    body, z = taught.model.body, jnp.asarray(taught.states[1])
     for of in (ReducedBody.residual, ReducedBody.displacement):
         exact, rough = (np.asarray(jax.jit(of)(each, z)) for each in (body, body.rough()))
         np.testing.assert_allclose(rough, exact, atol=1e-5 * np.abs(exact).max())
 
 
 def test_the_inverse_nearest_to_a_state_is_known_well_enough_to_converge_with(taught: Taught) -> None:
-    body, known = taught.device.body, taught.device.linear.rough()
+    body, known = taught.model.body, taught.model.linear.rough()
     rest, own = jnp.zeros(body.n), jnp.zeros((body.n, body.n))
     for state in (*taught.chart.typical[[0, -1]], *taught.states):
         inverse = known.near(known.inverses[0], rest, jnp.asarray(state))
@@ -186,18 +186,18 @@ def test_the_inverse_nearest_to_a_state_is_known_well_enough_to_converge_with(ta
 
 
 @pytest.mark.slow
-def test_an_inverse_is_made_where_none_is_known_that_converges(device, taught) -> None:
+def test_an_inverse_is_made_where_none_is_known_that_converges(model, taught) -> None:
     (place, force), limits = UNSEEN[1], Limits(jnp.zeros(1), jnp.array([12.0]), jnp.array([1e-6]))
-    linear = taught.device.linear
+    linear = taught.model.linear
     too_stiff = KnownInverses(linear.known.states[:1], 0.4 * linear.known.inverses[:1])
     found = {}
     for name, known in (("all", linear.known), ("too stiff", too_stiff)):
-        small = replace(taught.device, linear=replace(linear, known=known))
+        small = replace(taught.model, linear=replace(linear, known=known))
         estimator = Estimator(small, limits, at(*place))
         renewed = 0
         for part in np.linspace(0.02, 1.0, 50):
-            reading = device.reading(simulate(device, at(*place), jnp.array([part * force])).state)
-            told = estimator.update(Observation(reading, 1e9 * jnp.eye(device.n_readings), at(*place)))
+            reading = model.reading(simulate(model, at(*place), jnp.array([part * force])).state)
+            told = estimator.update(Observation(reading, 1e9 * jnp.eye(model.n_readings), at(*place)))
             renewed += told.renewed
         found[name] = told.drive[0], renewed
     assert found["all"][1] == 0 < found["too stiff"][1] < 15
@@ -211,9 +211,9 @@ def test_typical_states_are_far_from_each_other_and_rest() -> None:
     assert set(far_apart(states, 9)[:, 0].tolist()) == {0.0, *states[:, 0].tolist()}
 
 
-def test_projected_volumes_are_those_of_the_cavities(device, taught) -> None:
-    body, cavities = taught.watching, [reading.functional for reading in device.readings]
-    (projected,) = (reading.functional for reading in taught.device.readings)
+def test_projected_volumes_are_those_of_the_cavities(model, taught) -> None:
+    body, cavities = taught.watching, [reading.functional for reading in model.readings]
+    (projected,) = (reading.functional for reading in taught.model.readings)
     assert projected.count == len(cavities) > 1
 
     def exact(z):
@@ -242,26 +242,26 @@ def test_modes_are_orthonormal_in_stiffness_and_compressibility(taught, stiffnes
 
 
 @pytest.mark.parametrize(("place", "force"), UNSEEN)
-def test_unseen_presses_are_within_a_percent_of_the_full_body(device, taught, place, force) -> None:
-    exact = simulate(device, at(*place), jnp.array([force]))
-    found = simulate(taught.device, at(*place), jnp.array([force]))
-    shape = device.body.displacement(exact.state.z)
-    missed = taught.device.body.displacement(found.state.z) - shape
+def test_unseen_presses_are_within_a_percent_of_the_full_body(model, taught, place, force) -> None:
+    exact = simulate(model, at(*place), jnp.array([force]))
+    found = simulate(taught.model, at(*place), jnp.array([force]))
+    shape = model.body.displacement(exact.state.z)
+    missed = taught.model.body.displacement(found.state.z) - shape
     assert float(jnp.max(jnp.abs(missed))) < 1e-2 * float(jnp.max(jnp.abs(shape)))
-    volumes = device.reading(exact.state)
-    assert float(jnp.max(jnp.abs(taught.device.reading(found.state) - volumes))) < 1e-2 * float(
+    volumes = model.reading(exact.state)
+    assert float(jnp.max(jnp.abs(taught.model.reading(found.state) - volumes))) < 1e-2 * float(
         jnp.max(jnp.abs(volumes))
     )
-    assert taught.device.body.n < 0.03 * device.body.n
-    assert len(taught.chart.sampling.cubature.parts) < 0.1 * device.body.volumes.size
+    assert taught.model.body.n < 0.03 * model.body.n
+    assert len(taught.chart.sampling.cubature.parts) < 0.1 * model.body.volumes.size
 
 
 @pytest.mark.slow
-def test_a_stiffness_field_is_reduced_with_the_body(device: Model) -> None:
+def test_a_stiffness_field_is_reduced_with_the_body(model: Model) -> None:
     """Against the full body, and by far more than it misses of that."""
-    assert isinstance(device.body, Body)
-    body = with_field(device.body, jnp.array([0.3, -0.1, 0.2, 0.1, 0.1, 0.0, 0.2, 0.0, 0.1]))
-    made = replace(device, body=body, linear=Multifrontal.plan(body))
+    assert isinstance(model.body, Body)
+    body = with_field(model.body, jnp.array([0.3, -0.1, 0.2, 0.1, 0.1, 0.0, 0.2, 0.0, 0.1]))
+    made = replace(model, body=body, linear=Multifrontal.plan(body))
     stiffness = rest_stiffness(body)
     chart = teach(
         made.linear,
@@ -276,39 +276,39 @@ def test_a_stiffness_field_is_reduced_with_the_body(device: Model) -> None:
     place, force = UNSEEN[0]
     plain, exact, found = (
         np.asarray(each.reading(simulate(each, at(*place), jnp.array([force])).state))
-        for each in (device, made, small)
+        for each in (model, made, small)
     )
     assert np.abs(found - exact).max() < 1e-2 * np.abs(exact).max() < 0.1 * np.abs(plain - exact).max()
 
 
 @pytest.mark.slow
-def test_its_compliance_is_that_of_the_full_body_and_the_slope_of_its_own_readings(device, taught) -> None:
+def test_its_compliance_is_that_of_the_full_body_and_the_slope_of_its_own_readings(model, taught) -> None:
     (place, force), h = UNSEEN[0], 1e-4
     drive = jnp.array([force])
-    own = compliance(taught.device, at(*place), drive)
-    exact = compliance(device, at(*place), drive)
+    own = compliance(taught.model, at(*place), drive)
+    exact = compliance(model, at(*place), drive)
     np.testing.assert_allclose(own, exact, atol=2e-2 * float(jnp.max(jnp.abs(exact))))
     above, below = (
-        taught.device.reading(simulate(taught.device, at(*place), drive + d).state) for d in (h, -h)
+        taught.model.reading(simulate(taught.model, at(*place), drive + d).state) for d in (h, -h)
     )
     np.testing.assert_allclose(own[:, 0], (above - below) / (2 * h), rtol=1e-4, atol=1e-12)
 
 
 @pytest.mark.slow
-def test_the_estimator_finds_forces_with_it_unchanged(device, taught) -> None:
+def test_the_estimator_finds_forces_with_it_unchanged(model, taught) -> None:
     (place, force), limits = UNSEEN[1], Limits(jnp.zeros(1), jnp.array([12.0]), jnp.array([1e-6]))
-    reading = device.reading(simulate(device, at(*place), jnp.array([force])).state)
-    estimator = Estimator(taught.device, limits, at(*place))
-    seen = Observation(reading, 1e9 * jnp.eye(device.n_readings), at(*place))
+    reading = model.reading(simulate(model, at(*place), jnp.array([force])).state)
+    estimator = Estimator(taught.model, limits, at(*place))
+    seen = Observation(reading, 1e9 * jnp.eye(model.n_readings), at(*place))
     for _ in range(8):
         found = estimator.update(seen)
     assert found.drive[0] == pytest.approx(force, rel=1e-2)
     assert float(found.report.unbalanced) < 1e-3
 
 
-def test_forces_on_nodes_that_nothing_watches_are_not_lost_without_a_word(device, taught, stiffness) -> None:
-    body = device.body
-    top = np.unique(np.asarray(device.contacts[0].surface.faces))
+def test_forces_on_nodes_that_nothing_watches_are_not_lost_without_a_word(model, taught, stiffness) -> None:
+    body = model.body
+    top = np.unique(np.asarray(model.contacts[0].surface.faces))
     reduced = project(body, stiffness, taught.chart._replace(watched=top))
     below = np.setdiff1d(np.arange(body.n_nodes), top)[:2]
     z = jnp.asarray(taught.states[0])
@@ -329,12 +329,12 @@ def test_spreading_forces_is_the_transpose_of_watching(taught: Taught) -> None:
 
 
 @pytest.mark.slow
-def test_spreading_along_a_direction_is_spreading_column_by_column(device, taught) -> None:
+def test_spreading_along_a_direction_is_spreading_column_by_column(model, taught) -> None:
     random = np.random.default_rng(4)
-    nodes = jnp.asarray(random.integers(0, device.body.n_nodes, (7, 4)))
+    nodes = jnp.asarray(random.integers(0, model.body.n_nodes, (7, 4)))
     forces, column = jnp.asarray(random.normal(size=(7, 4))), jnp.array([0, 2, 1, 2, 0, 1, 2])
     direction = jnp.array([0.6, -0.3, 0.7])
-    for body in (device.body, taught.watching):
+    for body in (model.body, taught.watching):
         along = body.spread_along(direction, nodes, forces, column, 3)
         for k in range(3):
             each = forces[column == k][:, :, None, None] * direction[:, None]
@@ -343,25 +343,25 @@ def test_spreading_along_a_direction_is_spreading_column_by_column(device, taugh
 
 
 @pytest.mark.slow
-def test_snapshots_end_where_the_body_cannot_carry_the_load(device) -> None:
+def test_snapshots_end_where_the_body_cannot_carry_the_load(model) -> None:
     levels, place = np.array([[3.0], [4000.0], [5.0]]), at(-12 * MM, 3 * MM)
     path = LoadPath(place, levels, jnp.tile(place, (3, 1, 1, 1, 1)), np.array([[[3.02]], [[4.0]], [[5.0]]]))
-    found = snapshots(device.linear, device.body, device_loads(device), [path])
+    found = snapshots(model.linear, model.body, device_loads(model), [path])
     assert found.found.tolist() == [[[True, True], [False, False], [False, False]]]
     assert found.found[:, :, 0].sum() == 1
-    at_level, near = (simulate(device, place, jnp.array([force])).state.z for force in (3.0, 3.02))
-    moved = device.body.motion
+    at_level, near = (simulate(model, place, jnp.array([force])).state.z for force in (3.0, 3.02))
+    moved = model.body.motion
     np.testing.assert_allclose(moved(found.states[0]), moved(at_level), atol=1e-9)
     # One step with a factor that is a little older.
     apart = float(jnp.max(jnp.abs(moved(near - at_level))))
     np.testing.assert_allclose(moved(found.states[1]), moved(near), atol=0.15 * apart)
 
 
-def test_a_state_at_rest_is_refused(device, taught) -> None:
+def test_a_state_at_rest_is_refused(model, taught) -> None:
     still = np.append(taught.states, np.zeros((1, taught.states.shape[1])), axis=0)
     with pytest.raises(SolveError, match="training state 3 is the body at rest"):
         sampled(
-            mode_points(device.body, taught.chart.basis),
+            mode_points(model.body, taught.chart.basis),
             still[None],
             np.ones((1, len(still)), bool),
             tolerance=1e-2,
@@ -370,5 +370,5 @@ def test_a_state_at_rest_is_refused(device, taught) -> None:
 
 
 def test_a_reduced_device_is_not_reduced_again(taught, stiffness) -> None:
-    with pytest.raises(SolveError, match="reduce the full device"):
-        reduced_model(taught.device, stiffness, taught.chart, NONE)
+    with pytest.raises(SolveError, match="reduce the full robot"):
+        reduced_model(taught.model, stiffness, taught.chart, NONE)

@@ -1,4 +1,4 @@
-"""Figures that Navarro et al., RA-L 5(4), 2020, report of their own devices: mean errors by group of samples.
+"""Figures that Navarro et al., RA-L 5(4), 2020, report of their own robots: mean errors by group of samples.
 
 Only those of them that softfuse has at hand; the paper's tables hold more.
 """

@@ -169,7 +169,7 @@ def leak_update(
     Args: dt_s time since the last frame [s]; pressure_Pa (k,) readings over any constant zero [Pa], finite;
     noise_Pa (k,) standard deviation of one [Pa]; usable (k,): it is a reading; in_range (k,): and the part
     can measure what is there (a gauge part below 0 still shows that a cavity at rest is below its zero, but
-    not how far it was stretched); at_rest: the device has its rest shape and its gas the temperature of the
+    not how far it was stretched); at_rest: the robot has its rest shape and its gas the temperature of the
     walls.
     """
     state = _average_at_rest(test, state, dt_s, pressure_Pa, noise_Pa, at_rest & usable, at_rest)

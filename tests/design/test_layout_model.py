@@ -1,4 +1,4 @@
-"""What a device reads has the derivatives in a layout's parameters that differences of re-solves have."""
+"""What a robot reads has the derivatives in a layout's parameters that differences of re-solves have."""
 
 import jax
 import jax.numpy as jnp
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softfuse.body import Body
-from softfuse.design.layout_device import device_at
+from softfuse.design.layout_model import model_at
 from softfuse.errors import SoftfuseError
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.chart import facing
@@ -49,12 +49,12 @@ def sealed(twins, mesh) -> Model:
 def test_readings_have_the_derivatives_of_re_solves(twins, mesh, sealed) -> None:
     @jax.jit
     def pressed(theta):
-        device = device_at(sealed, mesh, theta)
-        loads = device.loads(DISC)
-        newton = Newton(device.linear, step_tolerance=1e-12)
+        model = model_at(sealed, mesh, theta)
+        loads = model.loads(DISC)
+        newton = Newton(model.linear, step_tolerance=1e-12)
         drive = jnp.array([4.0, 101325.0])
-        solution = solve(newton, device.body, loads, drive, State.rest(device.body, loads))
-        return device.reading(solution.state), solution.result
+        solution = solve(newton, model.body, loads, drive, State.rest(model.body, loads))
+        return model.reading(solution.state), solution.result
 
     at = jnp.asarray(twins.start)
     reading, result = pressed(at)
@@ -71,7 +71,7 @@ def test_readings_have_the_derivatives_of_re_solves(twins, mesh, sealed) -> None
 
 
 def test_gas_is_sealed_in_the_cavities_as_they_are(twins, mesh, sealed, changed) -> None:
-    (gas,) = device_at(sealed, mesh, jnp.asarray(changed)).actuators
+    (gas,) = model_at(sealed, mesh, jnp.asarray(changed)).actuators
     assert isinstance(gas, SealedGas)
     exact = Cavity(jnp.asarray(mesh.walls[1].faces))(mesh.rest(jnp.asarray(changed)))
     np.testing.assert_allclose(gas.rest, [exact], rtol=1e-12)
@@ -79,4 +79,4 @@ def test_gas_is_sealed_in_the_cavities_as_they_are(twins, mesh, sealed, changed)
 
 def test_a_device_on_another_mesh_is_refused(twins, mesh, twin_mesh, sealed) -> None:
     with pytest.raises(SoftfuseError, match="nodes, the layout's mesh"):
-        device_at(sealed, twin_mesh, jnp.asarray(twins.start))
+        model_at(sealed, twin_mesh, jnp.asarray(twins.start))
