@@ -141,7 +141,7 @@ def main() -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     robot = build_robot(coarse(load(CONFIG)))
     result = {
-        "robot": jax.models()[0].device_kind,
+        "device": jax.devices()[0].device_kind,
         "sensors": cost(robot, given.repeats),
         "lying_electrode": delay(robot),
     }

@@ -131,7 +131,7 @@ def main() -> None:
         float(np.polyfit(nodes, np.log([row[key] for row in rows]), 1)[0]) for key in ("p50_ms", "sofa_ms")
     )
     print(f"median step grows as nodes^{ours:.2f}, SOFA's as nodes^{sofas:.2f}")
-    result = {"robot": jax.models()[0].device_kind, "exponent": ours, "sofa_exponent": sofas, "sizes": rows}
+    result = {"device": jax.devices()[0].device_kind, "exponent": ours, "sofa_exponent": sofas, "sizes": rows}
     (given.out / "sofa_pad.json").write_text(json.dumps(result, indent=2) + "\n")
 
 

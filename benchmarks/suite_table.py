@@ -53,7 +53,7 @@ def table(found: dict) -> str:
         several = list(group)
         for each in several:
             told = each["extra_info"]
-            counts = ("nodes", "unknowns", "contacts", "count", "robots")
+            counts = ("nodes", "unknowns", "contacts", "count", "devices")
             size = ", ".join(f"{told[key]:,} {key}" for key in counts if key in told)
             beside = ", ".join(text.format(told[key]) for key, text in SAID.items() if key in told)
             lines.append(f"| {what} | {size} | {milliseconds(each['stats']['median'])} | {beside} |")

@@ -1,4 +1,4 @@
-"""Estimates and equilibria a second in batches, on all of JAX's robots, reduced and full."""
+"""Estimates and equilibria a second in batches, on all of JAX's devices, reduced and full."""
 
 import jax
 import jax.numpy as jnp
@@ -69,4 +69,4 @@ def test_batch(benchmark, models: dict[str, Model], body: str, count: int, what:
         np.testing.assert_allclose(found, forces, rtol=1e-3)
     benchmark.pedantic(solve, rounds=3)
     rate = count / benchmark.stats.stats.median
-    benchmark.extra_info.update(count=count, a_second=rate, models=jax.device_count())
+    benchmark.extra_info.update(count=count, a_second=rate, devices=jax.device_count())

@@ -1,7 +1,7 @@
-"""Many problems at once: a pure function of a robot over a batch, on one accelerator or split over several.
+"""Many problems at once: a pure function of a model over a batch, on one accelerator or split over several.
 
 Reduced bodies are small dense problems, which an accelerator solves by the thousand; the full body's batched
-multifrontal factors run there too. Each robot goes through its own part of the batch by itself, so that none
+multifrontal factors run there too. Each device goes through its own part of the batch by itself, so that none
 waits for another one's iterations.
 """
 
@@ -58,21 +58,21 @@ def batched(
     many: One,
     *,
     at_once: int = 64,
-    models: Sequence[Any] | None = None,
+    devices: Sequence[Any] | None = None,
 ) -> Found:
     """function(shared, one) of every one of `many`, whose arrays (b, ...) have the batch as their first axis;
     what is found has it too.
 
-    `function`: pure, with arrays as results, such as `lambda robot, at: simulate(robot, *at).state`; give
+    `function`: pure, with arrays as results, such as `lambda model, at: simulate(model, *at).state`; give
     the same function each time, programs are compiled for every other one. `shared`: what is the same for
-    all, such as the robot. `at_once`: so many are solved side by side on each robot, as its memory allows;
-    `robots`: those of JAX that the batch is split over, None for all of its default kind. Differentiable
+    all, such as the model. `at_once`: so many are solved side by side on each device, as its memory allows;
+    `devices`: those of JAX that the batch is split over, None for all of its default kind. Differentiable
     where the function is. Raises SolveError when `many` is empty or its arrays are of unequal length.
     """
     lengths = {len(leaf) for leaf in jax.tree.leaves(many)}
     if len(lengths) != 1 or not (count := lengths.pop()):
         raise SolveError("a batch needs arrays of equal length, one entry or more for each problem")
-    mesh = Mesh(np.array(jax.models() if models is None else models), (_AXIS,))
+    mesh = Mesh(np.array(jax.devices() if devices is None else devices), (_AXIS,))
     at_once = min(at_once, -(-count // mesh.size))
     # Equal parts in whole steps; the last problem is solved again where there is none left.
     rows = jnp.minimum(jnp.arange(count + -count % (at_once * mesh.size)), count - 1)

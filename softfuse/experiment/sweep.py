@@ -49,7 +49,7 @@ Value = float | int | str | None
 """None: not known, or not of this case."""
 
 _building = Lock()
-"""A worker may have several threads; they share one robot."""
+"""A worker may have several threads; they share one device."""
 
 log = logging.getLogger(__name__)
 

@@ -60,7 +60,7 @@ class Factor(eqx.Module):
 
 class Multifrontal(AbstractLinearSolver):
     """Elimination plan of a mesh; `factor` and `solve` are pure and may be jitted, vmapped and run on any
-    robot.
+    device.
     """
 
     fronts: tuple[_Fronts, ...]

@@ -1,4 +1,4 @@
-"""A batch is each of its problems alone, on one robot, in steps, and split over several."""
+"""A batch is each of its problems alone, on one device, in steps, and split over several."""
 
 import json
 import os
@@ -27,17 +27,17 @@ import jax, jax.numpy as jnp
 shared = runpy.run_path(sys.argv[1])
 from softfuse.estimation.batch import batched
 from softfuse.mechanics.model import simulate
-robot = shared["two_cavity_device"](shared["LINEAR"], shared["Dense"], 0.3)
+device = shared["two_cavity_device"](shared["LINEAR"], shared["Dense"], 0.3)
 places, forces = (jnp.array(each) for each in json.loads(sys.argv[2]))
-def read(robot, at):
-    return robot.reading(simulate(robot, *at).state)
-found = batched(read, robot, (places, forces), at_once=1)
+def read(device, at):
+    return device.reading(simulate(device, *at).state)
+found = batched(read, device, (places, forces), at_once=1)
 print(json.dumps([jax.device_count(), found.tolist()]))
 """
 
 
-def _read(model: Model, at: tuple[jax.Array, jax.Array]) -> jax.Array:
-    return model.reading(simulate(model, *at).state)
+def _read(device: Model, at: tuple[jax.Array, jax.Array]) -> jax.Array:
+    return device.reading(simulate(device, *at).state)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def test_batch_of_equilibria_is_each_alone(plain_device: Model, alone: np.ndarra
 
 @pytest.mark.slow
 def test_batch_split_over_devices_is_each_alone(alone: np.ndarray) -> None:
-    """Five presses on three robots: one has less to do, and other numbers of iterations."""
+    """Five presses on three devices: one has less to do, and other numbers of iterations."""
     flags = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=3"
     shared = Path(__file__).parents[1] / "conftest.py"
     given = json.dumps([PLACES.tolist(), FORCES.tolist()])
@@ -67,8 +67,8 @@ def test_batch_split_over_devices_is_each_alone(alone: np.ndarray) -> None:
         check=False,
     )
     assert not ended.returncode, ended.stderr
-    models, found = json.loads(ended.stdout)
-    assert models == 3
+    devices, found = json.loads(ended.stdout)
+    assert devices == 3
     np.testing.assert_allclose(found, alone, rtol=1e-9, atol=1e-9 * np.abs(alone).max())
 
 
@@ -80,8 +80,8 @@ def test_batch_of_estimates_is_each_alone(plain_device: Model, alone: np.ndarray
     rest = plain_device.rest_state(PLACES[0])
 
     def estimate(shared, seen):
-        model, limits, rest = shared
-        after, report = exact_steps(model, limits, rest, seen, steps=8)
+        device, limits, rest = shared
+        after, report = exact_steps(device, limits, rest, seen, steps=8)
         return after.drive, report.kkt
 
     drive, kkt = batched(estimate, (plain_device, one, rest), seen)
