@@ -144,7 +144,7 @@ def numbers(now: Tracked) -> dict[int, int]:
 def near(now: Tracked) -> list[np.ndarray]:
     """Places [mm] of what hovers."""
     grid = now.details["grid"].tracks
-    return [1e3 * grid.place_m[j] for j in np.flatnonzero(grid.near)]
+    return [1e3 * grid.place_m[j] for j in np.flatnonzero(grid.there & ~grid.touching)]
 
 
 def test_a_hovering_finger_is_near_but_has_no_force(found: dict[int, Tracked]) -> None:
