@@ -8,6 +8,7 @@ everything; everything may import the errors.
 """
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -42,6 +43,13 @@ HEAVY = {
     *("mcap", "pyarrow", "distributed", "dask", "cryptography", "cascadio"),
 }
 """Libraries that are imported inside the functions that need them."""
+
+PAPERS = ("mesh/", "experiment/paper/")
+"""Where pads and fingers are generated, and compared with the paper's."""
+HUMAN = {"finger_radius", "finger_radius_m"}
+FILLS = {"np.pad", "jnp.pad", "pad=0.12"}
+PARTS = ("mesh", "material", "body", "functional", "mechanics", "rom", "sensors", "robot")
+FEWEST_KINDS = 5
 
 LONGEST_FILE = 400
 LONGEST_COMMAND = 99
@@ -240,6 +248,75 @@ def test_heavy_imports_are_seen(source: str, wrong: bool) -> None:
 )
 def test_forbidden_calls_are_seen(stage: str, source: str, wrong: bool) -> None:
     assert bool(forbidden_calls(source, PACKAGE / stage / "file.py")) == wrong
+
+
+def robots_by_name(source: str, path: Path) -> list[str]:
+    """Identifiers and whole texts that name a pad or a finger, where the paper's robots are neither made nor
+    compared; a human finger, which touches, and what fills arrays and figures up are none.
+    """
+    wrong = []
+    for node in ast.walk(ast.parse(source)):
+        texts = [
+            value
+            for each in ("id", "attr", "arg", "name", "asname", "value")
+            if isinstance(value := getattr(node, each, None), str)
+        ]
+        if isinstance(node, ast.ImportFrom):
+            texts.append(node.module or "")
+        parent = ast.unparse(node)
+        for text in texts:
+            words = set(re.findall(r"[a-z]+", re.sub(r"(?<!^)(?=[A-Z])", "_", text).lower()))
+            named = len(words) < 4 and words & {"pad", "pads", "finger", "fingers"}
+            if named and text not in HUMAN and parent not in FILLS and not text.endswith((".toml", ".toml.")):
+                wrong.append(f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}: {text}")
+    return wrong
+
+
+@pytest.mark.parametrize(
+    "path",
+    [each for each in FILES if not each.relative_to(PACKAGE).as_posix().startswith(PAPERS)],
+    ids=lambda path: str(path.relative_to(PACKAGE)),
+)
+def test_no_robot_is_called_by_name(path: Path) -> None:
+    assert not robots_by_name(path.read_text(encoding="utf-8"), path)
+
+
+@pytest.mark.parametrize(
+    ("source", "wrong"),
+    [
+        ("class PadSource:\n    pass", True),
+        ("def finger_bed():\n    pass", True),
+        ("from softfuse.mesh.pad import pad_mesh", True),
+        ('kind = "finger"', True),
+        ("f(pad=1)", True),
+        ("jnp.pad(x, 1)", False),
+        ("shape.finger_radius", False),
+        ("padded = expand(pads_not)", True),
+    ],
+)
+def test_robots_by_name_are_seen(source: str, wrong: bool) -> None:
+    assert bool(robots_by_name(source, PACKAGE / "robot" / "file.py")) == wrong
+
+
+def kinds_asked(source: str, kinds: set[str]) -> int:
+    """How often a file asks of which of some kinds something is."""
+    asked = 0
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "isinstance":
+            asked += any(isinstance(each, ast.Name) and each.id in kinds for each in ast.walk(node.args[1]))
+        elif isinstance(node, ast.MatchClass):
+            asked += ast.unparse(node.cls) in kinds
+    return asked
+
+
+def test_parts_and_settings_are_hardly_asked_of_which_kind_they_are() -> None:
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in FILES}
+    parts = [tree for path, tree in trees.items() if stage_of(path) in PARTS]
+    kinds = {node.name for tree in parts for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
+    assert sum(kinds_asked(ast.unparse(tree), kinds) for tree in trees.values()) < FEWEST_KINDS
+    assert kinds_asked("isinstance(load, PulledCable | int)", {"PulledCable"}) == 1
+    assert kinds_asked("isinstance(value, int)", {"PulledCable"}) == 0
+    assert kinds_asked("match load:\n    case PulledCable():\n        pass", {"PulledCable"}) == 1
 
 
 def test_the_top_level_is_that_of_the_design() -> None:

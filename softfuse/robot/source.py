@@ -5,7 +5,7 @@ checked against softfuse/hardware/source by a test, since a configuration knows 
 """
 
 from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from annotated_types import Gt
 from pydantic import AfterValidator, Field, model_validator
@@ -115,6 +115,7 @@ class AtiNetFtSource(Settings):
     counts_per_newton_metre: PositiveNumber
     internal_rate: Annotated[Frequency, Gt(0)] | None = None
     channels: Wrench = _WRENCH
+    baud: ClassVar[None] = None
 
     @property
     def known_channels(self) -> tuple[str, ...]:

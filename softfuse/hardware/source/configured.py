@@ -1,6 +1,7 @@
 """The drivers and connections that a robot's sources stand for."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from softfuse.errors import RecordingError
 from softfuse.hardware.record.entries import SourceInfo
@@ -27,29 +28,28 @@ def driver_of(source: AnySource) -> AbstractDriver:
     """A new driver with a source's settings; WireError for names of channels that cannot be."""
     for name in source.known_channels:
         check_name(name, "channel")
-    match source:
-        case SoftfuseSource():
-            return SoftfuseFrames()
-        case LinesSource(preset=str() as preset):
-            return TextLines(PRESETS[preset], source.channels)
-        case LinesSource():
-            form = TextFormat(source.columns, source.time, source.separator, source.prefix)
-            return TextLines(form, source.channels)
-        case AtiNetFtSource():
-            return AtiNetFt(source)
-        case RobotousRftSource():
-            return RobotousRft(source)
-        case BotaSource():
-            return BotaSerial(source)
+    return _DRIVERS[type(source)](source)
+
+
+def _text_lines(source: LinesSource) -> TextLines:
+    form = TextFormat(source.columns, source.time, source.separator, source.prefix)
+    return TextLines(form if source.preset is None else PRESETS[source.preset], source.channels)
+
+
+_DRIVERS: dict[type, Callable[[Any], AbstractDriver]] = {
+    SoftfuseSource: lambda source: SoftfuseFrames(),
+    LinesSource: _text_lines,
+    AtiNetFtSource: AtiNetFt,
+    RobotousRftSource: RobotousRft,
+    BotaSource: BotaSerial,
+}
 
 
 def open_port_of(source: AnySource) -> AbstractPort:
     """A source's port, open; OSError where there is none now, HardwareError where it can never be."""
-    match source:
-        case AtiNetFtSource(url=url):
-            return open_udp(url, PORT)
-        case _:
-            return open_serial(source.url, source.baud)
+    if source.baud is None:
+        return open_udp(source.url, PORT)
+    return open_serial(source.url, source.baud)
 
 
 def connection_of(
