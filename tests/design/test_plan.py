@@ -276,10 +276,10 @@ adds = [{ electrodes = "rows", value = "pitch" }, { electrodes = "columns", valu
 
 
 @pytest.mark.parametrize("robot", ["pad.toml", "pad_mutual.toml"])
-def test_lines_of_electrodes_follow_their_pitch(changed, tmp_path, model) -> None:
+def test_lines_of_electrodes_follow_their_pitch(changed, tmp_path, robot) -> None:
     path = changed(
         PAD,
-        (str(CONFIGS / "pad.toml"), str(CONFIGS / model)),
+        (str(CONFIGS / "pad.toml"), str(CONFIGS / robot)),
         ('measure = "unevenness"', 'measure = "force-error"\nforce = "5 N"\nplace_sigma = "electrodes"'),
         ("# What may change", PITCH + "\n# What may change"),
     )

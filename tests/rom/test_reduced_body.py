@@ -11,7 +11,7 @@ import pytest
 
 from softfuse.body import LINEAR, TAYLOR_HOOD, AbstractBody, Body, mesh_for
 from softfuse.body.stiffness_field import with_field
-from softfuse.errors import SolveError
+from softfuse.errors import SoftfuseError, SolveError
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
@@ -370,5 +370,5 @@ def test_a_state_at_rest_is_refused(model, taught) -> None:
 
 
 def test_a_reduced_device_is_not_reduced_again(taught, stiffness) -> None:
-    with pytest.raises(SolveError, match="reduce the full robot"):
+    with pytest.raises(SoftfuseError, match="the body is a reduced one"):
         reduced_model(taught.model, stiffness, taught.chart, NONE)
