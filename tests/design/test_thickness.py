@@ -56,6 +56,7 @@ def test_walls_of_balls_and_faces_are_exact() -> None:
     assert thick["cavity 0, cavity 1"] == pytest.approx(between, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_points_are_as_far_from_balls_and_boxes_as_they_are() -> None:
     box = shape(RoundedBox(), (0.0, 0.0, 0.01), (0.01, 0.006, 0.003), (0.0, 0.0, 0.0), (0.001,))
     layout = layout_of(BALL, box)

@@ -110,6 +110,7 @@ def _pressed(robot: Robot, press: Press) -> dict:
     return contact | {"readings": [each["value"] for each in numbers["readings"].values()]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "where"),
     [(PUNCH, ANYWHERE), (SPHERE, FLAT), (CYLINDER, ANYWHERE)],

@@ -33,6 +33,7 @@ def stepped(device: Model, place, drive, state: State, factor):
     return step_to(device.linear, device.body, device.loads(place), drive, state, factor)[0]
 
 
+@pytest.mark.slow
 def test_an_equilibrium_is_the_one_that_newtons_method_finds(device) -> None:
     rest = device.rest_state(PLACE)
     factor, state = factor_of(device, PLACE, rest), rest

@@ -186,6 +186,7 @@ def test_what_is_not_touched_has_no_location_and_says_so(measured):
     assert lines.covariance_m2[idle][:, 0, 0].min() > (15e-3) ** 2
 
 
+@pytest.mark.slow
 def test_volume_can_be_differentiated_through_the_whole_recording_of_a_press(recording):
     time, raw = (jnp.asarray(each[:240]) for each in frames_of(recording))
 
