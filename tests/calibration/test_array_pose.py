@@ -31,6 +31,7 @@ def pressed(rng: np.random.Generator, presses: int, spread: float, part: float =
     return Located(true + off, location, sigma, dent, press)
 
 
+@pytest.mark.slow
 def test_a_spread_that_grows_with_dents_is_told_from_one_that_does_not() -> None:
     rng = np.random.default_rng(6)
     flat, dented = (

@@ -50,6 +50,7 @@ def test_volumes_differentiate_in_every_coefficient(read) -> None:
         np.testing.assert_allclose(slopes[:, k], difference, atol=1e-5 * np.abs(above).max())
 
 
+@pytest.mark.slow
 def test_without_coefficients_a_field_changes_nothing(device: Model, read) -> None:
     found, _ = read(jnp.zeros(9))
     plain = simulate(device, AT, jnp.array([5.0]))

@@ -74,6 +74,7 @@ def made(drawing: LayoutDrawing, mesh: TetMesh, seed: int) -> TetMesh:
     return quadratic(reshaped_cavities(mesh, shifts, growths, centres=centres))
 
 
+@pytest.mark.slow
 def test_a_point_is_found_in_the_curved_elements_of_a_layout() -> None:
     # The ninth element by how far it is inside those with straight edges is the one that holds it.
     point = np.array([[-0.03, 0.003, 0.0165]])

@@ -275,6 +275,7 @@ adds = [{ electrodes = "rows", value = "pitch" }, { electrodes = "columns", valu
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("device", ["pad.toml", "pad_mutual.toml"])
 def test_lines_of_electrodes_follow_their_pitch(changed, tmp_path, device) -> None:
     path = changed(
@@ -326,6 +327,7 @@ def test_a_plan_may_draw_another_number_of_cavities(changed, tmp_path) -> None:
     assert len(problem.noise) == 5
 
 
+@pytest.mark.slow
 def test_what_a_calibration_said_of_other_cavities_is_left_out(changed, tmp_path) -> None:
     text = (CONFIGS / "pad.toml").read_text(encoding="utf-8")
     assert "[estimator]\n" in text

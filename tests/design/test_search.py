@@ -69,6 +69,7 @@ def geometry(twins) -> Geometry:
 SETTINGS = SearchSettings(legs=20, iterations=30, move=2.0, improvement=1e-9)
 
 
+@pytest.mark.slow
 def test_the_aim_is_found_where_it_can_be_made(twins, geometry) -> None:
     aim = twins.start / twins.scale + 0.3
     problem: Any = Known(twins, (), aim)

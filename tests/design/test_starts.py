@@ -33,6 +33,7 @@ def test_a_layout_that_can_be_made_stays_as_it_is(twins, geometry) -> None:
     )
 
 
+@pytest.mark.slow
 def test_walls_that_nothing_allows_are_told(twins) -> None:
     with pytest.raises(SoftfuseError, match="only 0 of"):
         random_starts(twins, Geometry(twins, Walls(0.012, {})), 1, seed=0, tries=2)

@@ -77,6 +77,7 @@ def three():
     return layout, jax.jit(lambda theta: wall_thicknesses(layout, theta))
 
 
+@pytest.mark.slow
 def test_walls_are_those_of_dense_samples(three) -> None:
     layout, walls = three
     thick = dict(zip(wall_names(layout), np.asarray(walls(jnp.asarray(layout.start))), strict=True))
@@ -113,6 +114,7 @@ def test_aligned_boxes_are_found_apart_and_overlapping() -> None:
         assert wall_thicknesses(layout, layout.start)[-1] == pytest.approx(gap, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_hull_makes_walls_thinner_not_thicker() -> None:
     # Pinched about its waist: towards +x it is not convex.
     waist = np.zeros(5)

@@ -23,6 +23,7 @@ def pad(coarse):
     return robot.model, [wall.faces for wall in robot.mesh.cavities]
 
 
+@pytest.mark.slow
 def test_a_small_force_is_answered_as_at_rest(pad) -> None:
     device, walls = pad
     counted = []

@@ -116,6 +116,7 @@ def test_a_cable_of_known_length_is_an_equality(robot: Robot, reached) -> None:
     np.testing.assert_allclose(same.drive, [0.7, 0.1], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_lengths_and_positions_weigh_against_each_other(robot: Robot, reached) -> None:
     """A length that contradicts the tip pulls the estimate towards it as its weight says."""
     reading = _forward(robot.device, [1.2, 0.0])

@@ -72,6 +72,7 @@ def test_a_point_that_an_error_would_move_out_of_the_body_stays_in_it() -> None:
     assert max(heights) <= 18e-3 and min(heights) < 17.9e-3
 
 
+@pytest.mark.slow
 def test_equilibria_are_those_of_the_model(block: VirtualRobot) -> None:
     touch = at(block, 15e-3, 4e-3)
     poses = RobotSolver(block).poses(Episode((touch,)))

@@ -121,6 +121,7 @@ def _pushes(body: Body, loads: Loads, state: State) -> np.ndarray:
     return nodal[np.minimum(np.asarray(body.displacement_index), body.n)]
 
 
+@pytest.mark.slow
 def test_support_carries_what_presses_on_held_nodes_too(finger) -> None:
     """A disc over the held end: half of its force never strains the body, and is held all the same."""
     body, _, faces = finger

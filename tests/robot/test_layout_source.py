@@ -107,6 +107,7 @@ def test_a_mistake_is_told_with_its_key(layout: Layout, wrong: list[str], told: 
     assert str(caught.value) == f"{path}: {told}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shape", "told"),
     [

@@ -215,6 +215,7 @@ def test_a_missing_cell_does_not_stop_it(seen_under) -> None:
     np.testing.assert_allclose(place, [-3, -5], atol=3.0)
 
 
+@pytest.mark.slow
 def test_noise_and_drift_alone_are_no_touch_in_100_000_frames(grid) -> None:
     time = 0.01 * np.arange(100_000)
     counts = jnp.asarray(BED.counts_of(time, np.zeros((100_000, 4, 4))), float)
