@@ -1,6 +1,6 @@
 """What a calibration may change of a robot, and settings that say what it found."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,7 +65,7 @@ class Fitted:
                 actuators[k] = ShortenedCable.of(load, model.body)
         kept, numbers, first = list[AbstractReading](), list[int](), 0
         drives = [robot.addresses.drives[cable.name] for cable in settings.cables]
-        for reading in _apart(model.readings):
+        for reading in JointReading(model.readings).single:
             own = range(first, first + reading.count)
             first += reading.count
             known = isinstance(reading, DriveReading) or (
@@ -89,15 +89,6 @@ class Fitted:
         """Which cables (b,) have a length that is measured or commanded."""
         count = len(self.robot.settings.cables)
         return np.array([isinstance(load, ShortenedCable) for load in self.model.actuators[:count]], bool)
-
-
-def _apart(readings: Sequence[AbstractReading]) -> Iterator[AbstractReading]:
-    """Readings one by one, those that are joined too."""
-    for reading in readings:
-        if isinstance(reading, JointReading):
-            yield from _apart(reading.parts)
-        else:
-            yield reading
 
 
 def build_adjustments(fitted: Fitted) -> Adjustments:

@@ -11,7 +11,7 @@ from softfuse.errors import SolveError
 from softfuse.functional.cavity import Cavity
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model
-from softfuse.mechanics.reading import AbstractReading, ShapeReading
+from softfuse.mechanics.reading import AbstractReading, JointReading, ShapeReading
 from softfuse.rom.chart import Chart
 from softfuse.rom.known_inverses import KnownInverses, ReducedDense
 from softfuse.rom.projected_ports import projected_contact, projected_load
@@ -60,7 +60,7 @@ def volume_readings(
     """
     cavities: list[Cavity] = []
     first: AbstractReading | None = None
-    for reading in (one for joined in readings for one in joined.single):
+    for reading in JointReading(tuple(readings)).single:
         if isinstance(reading, ShapeReading) and isinstance(reading.functional, Cavity):
             cavities.append(reading.functional)
             first = first or reading
