@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from softfuse.errors import RecordingError
@@ -283,6 +283,7 @@ FIELDS = st.one_of(
 
 
 @given(table=st.lists(st.lists(FIELDS, min_size=1, max_size=4), min_size=1, max_size=12))
+@example(table=[[" 3"]] * 4)
 def test_the_fast_and_the_slow_way_say_the_same(table, tmp_path_factory):
     folder = tmp_path_factory.mktemp("t")
     text = "time_s,a,b\n" + "\n".join(",".join(row) for row in [["0", "1", "2"]] * 3 + table) + "\n"

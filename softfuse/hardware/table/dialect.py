@@ -2,9 +2,9 @@
 point, quotes, and which column is the time. What stands before the header is passed over.
 
 A line of data has numbers, or what stands for missing ones, in at least half of its fields. The header is a
-line without any number, as wide as the data that follow at once or after a line of units; of several the one
-that names most of what is wanted, then the first. The unit of the time is that of its name, of the line of
-units, or told by how far it steps.
+line without any number, as wide as the data that follow at once or after a line of units; of several one that
+names what is wanted, then one as wide as most data, then the one that names most, then the first. The unit of
+the time is that of its name, of the line of units, or told by how far it steps.
 """
 
 import csv
@@ -180,22 +180,23 @@ def _fit(
     ]
     data = [yes and not is_comment(line) for yes, line in zip(data, lines, strict=True)]
     widths = Counter(len(row) for row, yes in zip(rows, data, strict=True) if yes)
-    width = max(widths, key=lambda w: (widths[w], w), default=0)
-    headers = [
-        k
-        for k, row in enumerate(rows)
-        if not numbers[k] and any(row) and abs(len(row) - width) <= 1 and _above_data(k, rows, data, width)
-    ]
-    if not any(data):
-        headers = [k for k, row in enumerate(rows) if any(row) and not numbers[k]]
 
     def named(k: int) -> int:
         names = _names(lines[k], separator, quote)
         return sum(name in wanted or time(name) for name in names)
 
-    at = max(headers, key=named, default=None)
-    if at is None:
+    headers = [
+        (k, width)
+        for k, row in enumerate(rows)
+        if not numbers[k] and any(row)
+        for width in (widths if any(data) else [0])
+        if not width or abs(len(row) - width) <= 1 and _above_data(k, rows, data, width)
+    ]
+    best = max(headers, key=lambda h: (named(h[0]) > 0, widths[h[1]], h[1], named(h[0])), default=None)
+    if best is None:
+        width = max(widths, key=lambda w: (widths[w], w), default=0)
         return (0.0,) * 5, Dialect(separator, decimal, quote, (), (), 0, width, ())
+    at, width = best
     names = _names(lines[at], separator, quote)
     width = width or len(names)
     following = next((k for k in range(at + 1, len(rows)) if rows[k]), len(rows))
