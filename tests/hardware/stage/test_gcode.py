@@ -199,6 +199,7 @@ def test_homing_can_be_stopped_and_then_has_to_be_done(stage, controller):
 def test_nobody_who_answers_is_told(monkeypatch, unconnected, controller):
     monkeypatch.setattr(gcode, "GREETING_S", 0.5)
     controller.ended.set()
+    controller.join()
     with pytest.raises(HardwareError, match="answers for 0.5 s: check the port"):
         unconnected.connect()
 
