@@ -23,7 +23,7 @@ from softfuse.experiment.pose_cache import Arrays, kept
 from softfuse.experiment.recording_file import write_recording
 from softfuse.io.result_folder import put_in_place, writing
 from softfuse.report.calibration import Seen, calibrated_robot
-from softfuse.report.page import page, picture, table
+from softfuse.report.page import UNKNOWN, page, picture, spread_cells, table
 from softfuse.report.presses import Part, read_sensors, sensor_frames
 from softfuse.report.recording_report import EstimateRows
 from softfuse.report.study import Study
@@ -32,9 +32,6 @@ from softfuse.robot.settings import RobotSettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-UNKNOWN = "–"
-"""Stands where a figure is not known."""
 
 _ABOUT = (
     f"<p>Paper: Navarro et al., RA-L 5(4), 2020, on their own robot; {UNKNOWN} where its figure is not at "
@@ -75,7 +72,7 @@ class Comparison:
     def _row(self, group: str) -> tuple[str, ...]:
         spreads = [groups[group] for groups in self.found.values()]
         paper = f"{self.paper[group]:g}" if group in self.paper else UNKNOWN
-        cells = [f"{value:.2f}" for each in spreads for value in (each.mean, each.std)]
+        cells = [cell for each in spreads for cell in spread_cells(each)]
         return (self.named.get(group, group), paper, *cells, str(spreads[-1].n))
 
     @property

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING
@@ -10,6 +11,9 @@ from softfuse.experiment.accuracy import Spread
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+UNKNOWN = "–"
+"""Stands where a figure is not known."""
 
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222 }
@@ -28,9 +32,15 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return f"<table><thead><tr>{titles}</tr></thead><tbody>{body}</tbody></table>"
 
 
+def spread_cells(spread: Spread) -> tuple[str, str]:
+    """Mean and standard deviation as cells of a table."""
+    mean, std = (UNKNOWN if math.isnan(x) else f"{x:.2f}" for x in (spread.mean, spread.std))
+    return mean, std
+
+
 def spread_table(unit: str, groups: Mapping[str, Spread]) -> str:
     """An HTML table of means and standard deviations, in the unit of its head."""
-    rows = [(name, f"{s.mean:.2f}", f"{s.std:.2f}", str(s.n)) for name, s in groups.items()]
+    rows = [(name, *spread_cells(spread), str(spread.n)) for name, spread in groups.items()]
     return table(("samples", f"mean [{unit}]", f"std [{unit}]", "n"), rows)
 
 

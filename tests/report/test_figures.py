@@ -4,10 +4,11 @@ import warnings
 
 import numpy as np
 
+from softfuse.experiment.accuracy import Spread
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.surface import outer_surface
 from softfuse.report.figures import Panel, drift_over_time, electrode_image, over_time, points_over_depth
-from softfuse.report.page import picture
+from softfuse.report.page import picture, spread_table
 from softfuse.report.shape_figures import Shape, shapes, sharp_edges
 from softfuse.sensors.base import Image
 
@@ -70,3 +71,9 @@ def test_an_image_with_both_signs_has_colours_of_both() -> None:
     for values, name in ((np.ones((2, 3)), "viridis"), (np.array([[1.0, -1, 0], [0, 0, 0]]), "RdBu_r")):
         image = Image(values, MM * np.arange(3), MM * np.arange(2))
         assert electrode_image(image).axes[0].collections[0].get_cmap().name == name
+
+
+def test_a_group_without_estimates_is_told_as_unknown():
+    html = spread_table("mm", {"all": Spread(float("nan"), float("nan"), 0), "level_1": Spread(1.0, 0.25, 3)})
+    assert "<td>all</td><td>–</td><td>–</td><td>0</td>" in html
+    assert "<td>level_1</td><td>1.00</td><td>0.25</td><td>3</td>" in html
