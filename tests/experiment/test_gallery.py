@@ -14,7 +14,7 @@ ROBOTS = {
     "pad_sealed": ("pressure", "crossed-diamonds"),
     "fluidic_pad": ("pressure", "pressure"),
     "finger": ("pressure", "electrodes", "cable-length"),
-    "finger_lines": ("liquid-metal", "liquid-metal", "accelerometer", "cable-length"),
+    "finger_lines": ("liquid-metal", "liquid-metal", "accelerometer", "cable-length", "base-wrench"),
     "trunk": ("marker", "marker"),
     "pneunet": ("point-pressure", "bragg-gratings"),
     "dome": ("pressure",),
