@@ -91,7 +91,7 @@ def main() -> None:
     parser.add_argument("--fitted-to", type=int, default=10)
     parser.add_argument("--others", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--every", type=int, default=10)
+    parser.add_argument("--every", type=int, default=50)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
     settings = sf.load(given.config)

@@ -20,6 +20,7 @@ from softfuse.calibration.presses import Adjustable, Answer, Presses
 from softfuse.calibration.robust import Discrepancy, Explained, Linear, Whitening, cost, explained
 from softfuse.errors import SoftfuseError
 from softfuse.estimation.model_error import ReadingSpread, missed
+from softfuse.mechanics.solution import State
 
 _SETTLED = 0.02
 """What a step must promise."""
@@ -68,7 +69,7 @@ class Fit(AbstractPosterior):
     `value` (p,), `covariance` (p, p) and `prior_sigma` (p,) in SI; `discrepancy`: what the model misses at
     best; `before`, `after` (s, k): measured minus modelled readings with all parameters 0 and as fitted;
     `weight` (s, k) [-]: how much the readings of a press count, far below 1 where nothing explains them, 0
-    where they say nothing.
+    where they say nothing; `states` (s,): equilibria with parameters next to the fitted ones.
     """
 
     names: tuple[str, ...]
@@ -80,6 +81,7 @@ class Fit(AbstractPosterior):
     before: Float[np.ndarray, "s k"]
     after: Float[np.ndarray, "s k"]
     weight: Float[np.ndarray, "s k"]
+    states: tuple[State, ...]
 
 
 def fit(
@@ -121,6 +123,7 @@ def fit(
                 before,
                 after,
                 np.where(presses.told, aim.weight[group], 0.0),
+                answer.states,
             )
         length, found = 1.0, (here, z, answer)
         for _ in range(_SHORTENED):

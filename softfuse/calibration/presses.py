@@ -6,7 +6,7 @@ that of the sample before in the same press, or from where it was with other par
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Self
 
 import equinox as eqx
@@ -38,6 +38,10 @@ class Applied:
     prescribed: Float[np.ndarray, "s a"]
     press: Int[np.ndarray, " s"]
 
+    def only(self, which: Int[np.ndarray, " t"]) -> Self:
+        """Some of the samples, by number."""
+        return type(self)(*(getattr(self, each.name)[which] for each in fields(self)))
+
 
 @dataclass(frozen=True, eq=False)
 class Presses:
@@ -59,11 +63,14 @@ class Presses:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Readings (s, k) in SI of a robot, their slopes (s, k, p) in its parameters, its equilibria (s,)."""
+    """Readings (s, k) in SI of a robot, their slopes (s, k, p) in its parameters, its equilibria (s,), and
+    the numbers (s,) of the samples that these belong to, among those that were asked for.
+    """
 
     reading: Float[np.ndarray, "s k"]
     slope: Float[np.ndarray, "s k p"]
     states: tuple[State, ...]
+    sample: Int[np.ndarray, " s"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,12 +86,14 @@ class Adjustable:
         applied: Applied,
         *,
         near: tuple[State, ...] | None = None,
+        needed: bool = True,
         seen: Callable[[], None] = lambda: None,
     ) -> Answer:
         """What the robot with parameters (p,) reads in samples (s,); `near` (s,): equilibria of nearly the
-        same robot, to start from; `seen` is called after each sample.
+        same robot, to start from; `needed`: whether each sample is, others are left out where they have no
+        equilibrium; `seen` is called after each sample.
 
-        Raises SolveError naming the press that has no equilibrium.
+        Raises SolveError naming the press that has no equilibrium, where it is needed or none has one.
         """
         each = (applied.place, applied.force_N, applied.prescribed, applied.press)
         found: dict[int, tuple[np.ndarray, np.ndarray, State]] = {}
@@ -93,14 +102,21 @@ class Adjustable:
             before = None
             for i in samples:
                 start = before if near is None else near[i]
-                found[i] = self._one(value, tuple(given[i] for given in each), start)
-                before = found[i][2]
+                try:
+                    found[i] = self._one(value, tuple(given[i] for given in each), start)
+                    before = found[i][2]
+                except SolveError:
+                    if needed:
+                        raise
                 seen()
 
         # What else waits for these is lost where one fails.
         list(shared_out(press, _by_press(applied)))
-        reading, slope, states = zip(*(found[i] for i in range(len(applied.press))), strict=True)
-        return Answer(np.array(reading), np.array(slope), states)
+        if not found:
+            raise SolveError("none of the presses that were looked at has an equilibrium")
+        samples = sorted(found)
+        reading, slope, states = zip(*(found[i] for i in samples), strict=True)
+        return Answer(np.array(reading), np.array(slope), states, np.array(samples))
 
     def _one(
         self, value: np.ndarray, given: tuple[np.ndarray, ...], start: State | None

@@ -24,7 +24,7 @@ from softfuse.calibration.presses import Adjustable
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.accuracy import NINETY
 from softfuse.hardware.recording import Recording
-from softfuse.report.certainty import Electrodes, certainty, further, places_mm, sharpened
+from softfuse.report.certainty import Electrodes, certainty, further, grid_of, places_mm, sharpened
 from softfuse.report.columns import Unit, unit_of
 from softfuse.report.figures import misfits, usefulness
 from softfuse.report.page import page, picture, table
@@ -319,8 +319,15 @@ def calibrated_robot(
     adjustments = adjustments_of_presses(fitted, may_differ, known.applied, felt.called)
     adjustable = Adjustable(fitted.model, adjustments)
     found = fit(adjustable, known, seen=seen("fitting"))
-    beyond = further(fitted, known.applied)
-    answer = adjustable.answer(found.value, beyond, seen=seen("looking at further presses"))
+    beyond, near = further(fitted, known.applied, found.states)
+    answer = adjustable.answer(
+        found.value,
+        beyond,
+        near=near,
+        needed=grid_of(robot.settings, 1.0) is not None,
+        seen=seen("looking at further presses"),
+    )
+    beyond = beyond.only(answer.sample)
     sure, electrodes = certainty(fitted, felt, found, answer, beyond, gains, out)
     edits = calibrated_edits(fitted, adjustments, found.value)
     save_edited(robot.settings.path, out, {**edits, **sure})

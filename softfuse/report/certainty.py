@@ -7,7 +7,7 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from softfuse.calibration.array_pose import Located, PoseFit, fit_pose
 from softfuse.calibration.electrode_edits import Untouched, baseline_edits, gain_edits, untouched
@@ -17,15 +17,18 @@ from softfuse.calibration.of_robot import Fitted, build_pose_prior, pose_edits
 from softfuse.calibration.presses import Answer, Applied
 from softfuse.estimation.model_error import missed, write_spread
 from softfuse.functional.chart import facing
+from softfuse.mechanics.solution import State
 from softfuse.report.presses import Felt
 from softfuse.robot.file import Edits
 from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.crossed.sensor import CrossedElectrodes, CrossedReading
 from softfuse.sensors.crossed.settings import CrossedSettings
 
+Near = tuple[State, ...] | None
+
 _LIGHT = 0.1
 """Of the largest force, with which is pressed where nothing is known of any."""
-_MOST_PLACES = 40
+_MOST_PLACES = 24
 """Of a surface that further presses are looked at on."""
 
 
@@ -44,9 +47,10 @@ def grid_of(settings: RobotSettings, force_N: float) -> Grid | None:
     return None if within is None else Grid.over(within.x, within.y, force_N)
 
 
-def further(fitted: Fitted, applied: Applied) -> Applied:
-    """Further presses all over the robot, each with the largest force of those that were made, with actuators
-    as they were, least and most; none belongs to another.
+def further(fitted: Fitted, applied: Applied, states: tuple[State, ...]) -> tuple[Applied, Near]:
+    """Further presses (s,) all over the robot, each with the largest force of those that were made, with
+    actuators as they were in the samples where they do least and most; and those samples' equilibria, to
+    start from where actuators move the robot. None belongs to another.
     """
     settings = fitted.robot.settings
     contact, named = settings.contacts[0], settings.places
@@ -59,15 +63,26 @@ def further(fitted: Fitted, applied: Applied) -> Applied:
     else:
         assert workspace is not None  # a contact that nothing sees has one
         places, _ = workspace.grid(0)
-        places = places[:: max(1, len(places) // _MOST_PLACES)]
-    most = applied.prescribed.max(axis=0)
-    low = applied.prescribed.min(axis=0)
-    driven = [most] if not np.ptp(applied.prescribed, axis=0).any() else [low, most]
-    count, contacts = len(places), applied.place.shape[1]
+        count = min(len(places), _MOST_PLACES)
+        places = places[np.linspace(0, len(places) - 1, count).astype(int)]
+    driven = least_and_most(applied.prescribed)
+    like, contacts = np.repeat(driven, len(places)), applied.place.shape[1]
     place = np.repeat(np.tile(places, (len(driven), 1, 1))[:, None], contacts, axis=1)
     force = np.zeros(place.shape[:2])
     force[:, 0] = force_N
-    return Applied(place, force, np.repeat(np.array(driven), count, axis=0), -1 - np.arange(len(place)))
+    near = tuple(states[sample] for sample in like) if len(driven) > 1 else None
+    return Applied(place, force, applied.prescribed[like], -1 - np.arange(len(place))), near
+
+
+def least_and_most(prescribed: Float[np.ndarray, "s a"]) -> Int[np.ndarray, " n"]:
+    """Numbers of the samples in which actuators do least and most, each in parts of its range; one where none
+    moves. No sample has all of them at their largest.
+    """
+    spread = np.ptp(prescribed, axis=0)
+    if not spread.any():
+        return np.array([0])
+    parts = (prescribed - prescribed.min(axis=0)) / np.where(spread > 0, spread, 1.0)
+    return np.array([parts.sum(axis=1).argmin(), parts.sum(axis=1).argmax()])
 
 
 def sharpened(felt: Felt, settings: RobotSettings, suite_sensors: tuple) -> GainFit | None:

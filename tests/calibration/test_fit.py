@@ -12,7 +12,7 @@ from softfuse.body.element import LINEAR
 from softfuse.calibration.adjustment import Adjustments, Gains, Layer, Stiffening, Stiffness, Walls
 from softfuse.calibration.fit import Fit, fit
 from softfuse.calibration.presses import Adjustable, Applied, Presses
-from softfuse.errors import SoftfuseError
+from softfuse.errors import SoftfuseError, SolveError
 from softfuse.functional.cavity import Cavity
 from softfuse.functional.chart import facing
 from softfuse.functional.contact import ContactSurface
@@ -123,6 +123,20 @@ def test_slopes_are_those_of_differences(adjustable: Adjustable, made: np.ndarra
         np.testing.assert_allclose(
             slope[..., k], change, atol=2e-5 * np.abs(slope[..., k]).max() + 1e-13 / step
         )
+
+
+def test_presses_without_an_equilibrium_are_left_out_where_they_are_not_needed(
+    adjustable: Adjustable, made: np.ndarray
+) -> None:
+    done = applied(PLACES[:2], [3.0])
+    beyond = replace(done, force_N=np.array([[1e4], [3.0]]))
+    with pytest.raises(SolveError, match="10000.00 N at .* has no equilibrium"):
+        adjustable.answer(made, beyond)
+    answer = adjustable.answer(made, beyond, needed=False)
+    assert answer.sample.tolist() == [1] and len(answer.states) == 1
+    np.testing.assert_allclose(answer.reading, adjustable.answer(made, done.only(answer.sample)).reading)
+    with pytest.raises(SolveError, match="none of the presses"):
+        adjustable.answer(made, beyond.only(np.array([0])), needed=False)
 
 
 @pytest.mark.slow
