@@ -75,6 +75,11 @@ class PulledCable(AbstractLoad):
         del internal
         return force - guide_forces(y.reshape(-1, 3), self.pulled_at, drive[0], self.friction).ravel()
 
+    def equations_near(self, force, internal, y, drive, at):
+        """The forces' part of first order in the guides' motion."""
+        _, near = at
+        return self.equations(force, internal, near, drive) - _turned(self, drive[0], y, near)
+
     def conjugate(self, force, internal, y):
         """δ (1,) [m]: by how much the cable has been pulled out."""
         del internal
@@ -126,9 +131,24 @@ class ShortenedCable(AbstractLoad):
         """The forces of the tension (3 g,) [N], then its complementarity with the slack [N]."""
         guides, tension = y.reshape(-1, 3), internal[0]
         shorter = _rest_length(self) - length(guides, self.pulled_at)
-        slack = self.stiffness * (shorter - drive[0] + self.compliance * tension)
         law = force - guide_forces(guides, self.pulled_at, tension, self.friction).ravel()
-        return jnp.append(law, jnp.where(tension - slack > 0, slack, tension))
+        return jnp.append(law, self._taut(shorter, tension, drive))
+
+    def equations_near(self, force, internal, y, drive, at):
+        """The forces and the length of first order in the guides' motion."""
+        before, near = at
+        guides, moved, tension = near.reshape(-1, 3), (y - near).reshape(-1, 3), internal[0]
+        long, longer = jax.jvp(lambda x: length(x, self.pulled_at), (guides,), (moved,))
+        law = force - guide_forces(guides, self.pulled_at, tension, self.friction).ravel()
+        law -= _turned(self, before[0], y, near)
+        return jnp.append(law, self._taut(_rest_length(self) - long - longer, tension, drive))
+
+    def _taut(
+        self, shorter: Float[Array, ""], tension: Float[Array, ""], drive: Float[Array, "1"]
+    ) -> Float[Array, ""]:
+        """0 ≤ T ⊥ slack ≥ 0 [N] of a path that is shorter by so much [m] than at rest."""
+        slack = self.stiffness * (shorter - drive[0] + self.compliance * tension)
+        return jnp.where(tension - slack > 0, slack, tension)
 
     def conjugate(self, force, internal, y):
         """The tension (1,) [N]."""
@@ -161,6 +181,22 @@ def _anchored(
             f"anchor_radius: the ball of {1e3 * radius:g} mm around guide {len(before)} reaches out of the "
             f"body: at most {1e3 * room:.3g} mm have room there; make it that small, or move the guide"
         ) from error
+
+
+def _turned(
+    cable: PulledCable | ShortenedCable,
+    tension: Float[Array, ""],
+    y: Float[Array, " p"],
+    near: Float[Array, " p"],
+) -> Float[Array, " p"]:
+    """By how much the forces (p,) [N] of a tension change to first order while guides move from `near` (p,) m
+    to y (p,) m.
+    """
+
+    def forces(at: Float[Array, " p"]) -> Float[Array, " p"]:
+        return guide_forces(at.reshape(-1, 3), cable.pulled_at, tension, cable.friction).ravel()
+
+    return jax.jvp(forces, (near,), (y - near,))[1]
 
 
 def _rest_length(cable: PulledCable | ShortenedCable) -> Float[Array, ""]:

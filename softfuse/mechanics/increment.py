@@ -1,9 +1,9 @@
 """The search for the equilibrium of one increment: Newton's method, or a flow to where a snap ends.
 
 One iteration linearises the body, K δz = Σ f ∂y/∂z − r(z), lets the loads find their forces on the linearised
-body (`interface`) and moves along δz. Stresses are unknowns of their own between iterations
-(`AbstractBody.tangents_after`), which is why whole steps serve also where a slender body turns by a right
-angle; a step is halved only where an element would lose nine tenths of its volume.
+body (`interface`), by smooth laws to first order, and moves along δz. Stresses are unknowns of their own
+between iterations (`AbstractBody.tangents_after`), which is why whole steps serve also where a slender body
+turns by a right angle; a step is halved only where an element would lose nine tenths of its volume.
 
 With a drag d > 0 it is the flow d M ẋ = Σ f ∂y/∂z − r of an overdamped body, M its `inertia`, by one linearly
 implicit Euler step an iteration: (K + d M) δz = Σ f ∂y/∂z − r. The drag is lowered while steps are short and
@@ -148,7 +148,12 @@ def _iterate(
     tangents = body.tangents_after(state.z, at.last) + at.drag * body.inertia
     factor = solver.factor(loads.stiffen(body, state.z, state.force, tangents))
     linear, sagged = linearise_beside(
-        body, loads, lambda b: solver.solve(factor, b), state, target.weight[:, None]
+        body,
+        loads,
+        lambda b: solver.solve(factor, b),
+        state,
+        target.weight[:, None],
+        around=state.internal,
     )
     settled, y = settled_on(linear, state)
     force = linear.held.force(settled.force, y)

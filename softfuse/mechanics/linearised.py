@@ -81,8 +81,12 @@ def linearise_beside(
     state: State,
     beside: Float[Array, "n c"],
     resistance: Float[Array, " n"] | None = None,
+    *,
+    around: Float[Array, " M"] | None = None,
 ) -> tuple[Linearised, Float[Array, "n c"]]:
-    """As `linearise`; and K⁻¹ `beside` (n, c), which is solved for along with it."""
+    """As `linearise`; and K⁻¹ `beside` (n, c), which is solved for along with it; `around` (M,): see
+    `HeldLoads`.
+    """
     rows = loads.rows(body, state.z)
     pushed = rows[:, loads.carrying]
     resistance = body.residual(state.z) if resistance is None else resistance
@@ -93,7 +97,8 @@ def linearise_beside(
     at = loads.values(body, state.z)
     compliance = rows.T @ response
     free = at + rows.T @ relaxed - compliance @ state.force
-    linear = Linearised(HeldLoads(loads, at), state.force, left, rows, response, relaxed, free, compliance)
+    held = HeldLoads(loads, at, around)
+    linear = Linearised(held, state.force, left, rows, response, relaxed, free, compliance)
     return linear, solved[:, :c]
 
 

@@ -132,6 +132,20 @@ class AbstractLoad(eqx.Module):
     ) -> Float[Array, " qm"]:
         """E (q + m,), all 0 where the law holds."""
 
+    def equations_near(
+        self,
+        force: Float[Array, " q"],
+        internal: Float[Array, " m"],
+        y: Float[Array, " p"],
+        drive: Float[Array, " k"],
+        at: tuple[Float[Array, " m"], Float[Array, " p"]],
+    ) -> Float[Array, " qm"]:
+        """E (q + m,) to first order around internal unknowns and ports' values `at`, branches excepted, for
+        laws that may have no solution on a body linearised far from its equilibrium; others are as they are.
+        """
+        del at
+        return self.equations(force, internal, y, drive)
+
     @abstractmethod
     def conjugate(
         self, force: Float[Array, " q"], internal: Float[Array, " m"], y: Float[Array, " p"]
@@ -320,6 +334,20 @@ class Loads(eqx.Module):
         own = zip(self.parts, self._own(force, internal, y), drives, strict=True)
         return _joined([part.equations(*at, given) for part, at, given in own])
 
+    def equations_near(
+        self,
+        force: Float[Array, " Q"],
+        internal: Float[Array, " M"],
+        y: Float[Array, " P"],
+        drive: Float[Array, " D"],
+        at: tuple[Float[Array, " M"], Float[Array, " P"]],
+    ) -> Float[Array, " QM"]:
+        """The laws of all loads (Q + M,) to first order, see `AbstractLoad.equations_near`."""
+        drives = _cut([part.sizes.drives for part in self.parts], drive)
+        own, near = self._own(force, internal, y), self._own(force, *at)
+        each = zip(self.parts, own, drives, near, strict=True)
+        return _joined([part.equations_near(*now, given, around[1:]) for part, now, given, around in each])
+
     def conjugate(
         self, force: Float[Array, " Q"], internal: Float[Array, " M"], y: Float[Array, " P"]
     ) -> Float[Array, " D"]:
@@ -353,10 +381,14 @@ class HeldLoads(eqx.Module):
     A cable under tension can hold a body that would buckle by itself; the body's own tangent is then singular
     although the equilibrium is not. So springs k are added to the tangent at such ports and taken off the
     forces again: K + G k Gᵀ answers to f̃ = f + k (y − y_at), and the laws see f. That is exact for any k.
+
+    `around` (M,): internal unknowns around which, and y_at, smooth laws are taken to first order; None for
+    laws as they are. On a body that turns by 90° where it is linearised no path is as short as a cable.
     """
 
     loads: Loads
     at: Float[Array, " P"]
+    around: Float[Array, " M"] | None = None
 
     def force(self, held: Float[Array, " Q"], y: Float[Array, " P"]) -> Float[Array, " Q"]:
         """The forces f (Q,) behind f̃ (Q,) at ports' values y (P,)."""
@@ -374,4 +406,7 @@ class HeldLoads(eqx.Module):
         drive: Float[Array, " D"],
     ) -> Float[Array, " QM"]:
         """The laws (Q + M,) at f̃ (Q,)."""
-        return self.loads.equations(self.force(held, y), internal, y, drive)
+        given = self.force(held, y), internal, y, drive
+        if self.around is None:
+            return self.loads.equations(*given)
+        return self.loads.equations_near(*given, (self.around, self.at))

@@ -229,3 +229,41 @@ def test_gradients_are_the_differences_of_full_solves(beam, pulled) -> None:
         weights = jnp.asarray(random.normal(size=4))
         backward = sum(float(jnp.vdot(a, b)) for a, b in zip(pull(weights), d, strict=True))
         np.testing.assert_allclose(backward, float(weights @ forward), rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["pulled", "shortened"])
+def test_laws_near_a_state_are_those_to_first_order(kind: str, pulled, shortened) -> None:
+    load = {"pulled": pulled, "shortened": shortened}[kind]
+    load = eqx.tree_at(lambda each: each.friction, load, jnp.array(0.2))
+    rng = np.random.default_rng(5)
+    near = jnp.asarray(GUIDES + 1e-3 * rng.normal(size=GUIDES.shape)).ravel()
+    force, moved = jnp.asarray(rng.normal(size=12)), jnp.asarray(rng.normal(size=12))
+    tension, drive = (
+        (jnp.array([2.0]), jnp.array([0.004])) if kind == "shortened" else (jnp.zeros(0), jnp.ones(1))
+    )
+
+    def off(size: float) -> float:
+        """How far both are apart when guides have moved, and tension has grown, by so much [m, N / mm]."""
+        y, grown = near + size * moved, tension + 1e3 * size
+        law = load.equations(force, grown, y, drive)
+        return float(jnp.abs(load.equations_near(force, grown, y, drive, (tension, near)) - law).max())
+
+    assert off(0.0) == 0.0
+    assert off(1e-4) > 1e-4
+    # An error of second order falls to a hundredth.
+    assert off(1e-6) == pytest.approx(1e-2 * off(1e-5), rel=0.05)
+
+
+def test_a_cable_turns_its_beam_by_a_right_angle_in_few_iterations(box) -> None:
+    mesh = mesh_for(LINEAR, box(np.linspace(0, 4 * LENGTH, 41), *(2 * [np.linspace(0, SIDE, 3)])))
+    body = Body.from_mesh(mesh, [NeoHookean.from_young(YOUNG, 0.3)], mesh.nodes[:, 0] == 0.0, element=LINEAR)
+    guides = np.array([[x, 0.006, 0.002] for x in np.linspace(0.004, 0.236, 10)])
+    cable = PulledCable.through(body, guides, np.array([-0.01, 0.006, 0.002]), friction=0.1)
+    loads = Loads((ShortenedCable.of(cable, body),))
+    found = _solve(Newton(Dense.plan(body)), body, loads, jnp.array([0.012]), State.rest(body, loads))
+    assert found.result == RESULTS.converged
+    x, moved = np.asarray(body.rest)[:, 0], np.asarray(body.rest + body.displacement(found.state.z))
+    last, before = (moved[np.isclose(x, at)].mean(axis=0) for at in (4 * LENGTH, 4 * LENGTH - 0.006))
+    assert last[2] - before[2] < -3 * abs(last[0] - before[0])
+    # It took 214 where each iteration obeyed the law itself on the linearised beam.
+    assert int(found.stats.newton_iterations) <= 60
