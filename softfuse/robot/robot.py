@@ -8,10 +8,11 @@ counts them.
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.body.body import Body
 from softfuse.body.element import ELEMENTS
@@ -246,6 +247,11 @@ def _sensors(
     return suite, readings, {name: suite.outputs[name] for name in suite.outputs.names}
 
 
+@eqx.filter_jit
+def _lands(contact: AbstractContact, body: Body, places: Float[Array, "e 3 3"]) -> Bool[Array, " e"]:
+    return jax.vmap(lambda place: contact.lands(body, place))(places)
+
+
 def _check_electrodes(settings: RobotSettings, body: Body, contacts: Sequence[AbstractContact]) -> None:
     """Raise ConfigError for an electrode that is off the surface on which its contact presses."""
     kinds = {contact.name: kind for contact, kind in zip(settings.contacts, contacts, strict=True)}
@@ -253,8 +259,7 @@ def _check_electrodes(settings: RobotSettings, body: Body, contacts: Sequence[Ab
         if sensor.places:
             kind = kinds[sensor.places[0].contact]
             places = jnp.asarray(np.stack([seen.place for seen in sensor.places]))
-            lands = np.asarray(jax.vmap(lambda place, on=kind: on.lands(body, place))(places))
-            for number in np.flatnonzero(~lands)[:1]:
+            for number in np.flatnonzero(~np.asarray(_lands(kind, body, places)))[:1]:
                 seen = sensor.places[number]
                 raise ConfigError(
                     f'{settings.path}: sensor[{k}].{seen.key}.centre: "{seen.name}" is not within the radius '
