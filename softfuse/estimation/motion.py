@@ -19,10 +19,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from softfuse.functional.chart import moved
+from softfuse.mechanics.held_loads import HeldLoads
 from softfuse.mechanics.interface import slopes
 from softfuse.mechanics.linear_solver import Solve
 from softfuse.mechanics.linearised import Linearised, coupled, linearise, settled_on, stiffness_map
-from softfuse.mechanics.load import HeldLoads
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.solution import State
 

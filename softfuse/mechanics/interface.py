@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from softfuse.mechanics.load import HeldLoads
+from softfuse.mechanics.held_loads import HeldLoads
 
 _MAX_ITERATIONS = 120
 _WHOLE = 5  # first iterations, which are not damped: nearly all problems need no more

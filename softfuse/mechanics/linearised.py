@@ -8,9 +8,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from softfuse.body.base import AbstractBody, column_by_column
+from softfuse.mechanics.held_loads import HeldLoads
 from softfuse.mechanics.interface import Settled, Slopes, settle, stiffness
 from softfuse.mechanics.linear_solver import Solve
-from softfuse.mechanics.load import HeldLoads, Loads
+from softfuse.mechanics.load import Loads
 from softfuse.mechanics.solution import State
 
 

@@ -16,11 +16,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.body.base import AbstractBody
+from softfuse.mechanics.held_loads import HeldLoads
 from softfuse.mechanics.increment import Increment, Target, first_drag, search
 from softfuse.mechanics.interface import slopes, stiffness
 from softfuse.mechanics.linear_solver import AbstractLinearSolver, Solve, tangent_inverse
 from softfuse.mechanics.linearised import loaded_tangents, stiffness_map, unbalanced
-from softfuse.mechanics.load import HeldLoads, Loads
+from softfuse.mechanics.load import Loads
 from softfuse.mechanics.solution import RESULTS, Solution, State, Stats
 
 _LARGEST_DEPARTURE = 0.55

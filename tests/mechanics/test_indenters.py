@@ -18,6 +18,7 @@ from softfuse.functional.workspace import nearest_places
 from softfuse.material import NeoHookean
 from softfuse.mechanics import Loads, Newton, State, solve
 from softfuse.mechanics.dense import Dense
+from softfuse.mechanics.held_loads import HeldLoads
 from softfuse.mechanics.indenters import (
     AtDepth,
     CylinderIndenter,
@@ -27,7 +28,6 @@ from softfuse.mechanics.indenters import (
     SurfacePatches,
 )
 from softfuse.mechanics.interface import settle
-from softfuse.mechanics.load import HeldLoads
 from softfuse.mechanics.solution import RESULTS
 from softfuse.mesh.surface import boundary_faces
 
