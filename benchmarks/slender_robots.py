@@ -156,6 +156,7 @@ def timed(checkout: Path, config: Path, given: Sequence[str], cache: Path) -> di
         env={**os.environ, "PYTHONPATH": str(checkout), "JAX_COMPILATION_CACHE_DIR": str(cache)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
+        cwd=checkout,  # Python looks there first
         text=True,
         check=False,
     )
