@@ -78,7 +78,8 @@ class PulledCable(AbstractLoad):
     def equations_near(self, force, internal, y, drive, at):
         """The forces' part of first order in the guides' motion."""
         _, near = at
-        return self.equations(force, internal, near, drive) - _turned(self, drive[0], y, near)
+        law, turned = jax.jvp(lambda y: self.equations(force, internal, y, drive), (near,), (y - near,))
+        return law + turned
 
     def conjugate(self, force, internal, y):
         """δ (1,) [m]: by how much the cable has been pulled out."""
@@ -129,19 +130,23 @@ class ShortenedCable(AbstractLoad):
 
     def equations(self, force, internal, y, drive):
         """The forces of the tension (3 g,) [N], then its complementarity with the slack [N]."""
-        guides, tension = y.reshape(-1, 3), internal[0]
-        shorter = _rest_length(self) - length(guides, self.pulled_at)
-        law = force - guide_forces(guides, self.pulled_at, tension, self.friction).ravel()
-        return jnp.append(law, self._taut(shorter, tension, drive))
+        shorter, tension = _rest_length(self) - length(y.reshape(-1, 3), self.pulled_at), internal[0]
+        return jnp.append(force - self._pushes(y, tension), self._taut(shorter, tension, drive))
 
     def equations_near(self, force, internal, y, drive, at):
         """The forces and the length of first order in the guides' motion."""
-        before, near = at
-        guides, moved, tension = near.reshape(-1, 3), (y - near).reshape(-1, 3), internal[0]
-        long, longer = jax.jvp(lambda x: length(x, self.pulled_at), (guides,), (moved,))
-        law = force - guide_forces(guides, self.pulled_at, tension, self.friction).ravel()
-        law -= _turned(self, before[0], y, near)
+        (before, near), tension = at, internal[0]
+
+        def path(y: Float[Array, " p"]) -> tuple[Float[Array, " p"], Float[Array, ""]]:
+            return self._pushes(y, before[0]), length(y.reshape(-1, 3), self.pulled_at)
+
+        (_, long), (turned, longer) = jax.jvp(path, (near,), (y - near,))
+        law = force - self._pushes(near, tension) - turned
         return jnp.append(law, self._taut(_rest_length(self) - long - longer, tension, drive))
+
+    def _pushes(self, y: Float[Array, " p"], tension: Float[Array, ""]) -> Float[Array, " p"]:
+        """The forces (p,) [N] of a tension on guides at y (p,) m."""
+        return guide_forces(y.reshape(-1, 3), self.pulled_at, tension, self.friction).ravel()
 
     def _taut(
         self, shorter: Float[Array, ""], tension: Float[Array, ""], drive: Float[Array, "1"]
@@ -181,22 +186,6 @@ def _anchored(
             f"anchor_radius: the ball of {1e3 * radius:g} mm around guide {len(before)} reaches out of the "
             f"body: at most {1e3 * room:.3g} mm have room there; make it that small, or move the guide"
         ) from error
-
-
-def _turned(
-    cable: PulledCable | ShortenedCable,
-    tension: Float[Array, ""],
-    y: Float[Array, " p"],
-    near: Float[Array, " p"],
-) -> Float[Array, " p"]:
-    """By how much the forces (p,) [N] of a tension change to first order while guides move from `near` (p,) m
-    to y (p,) m.
-    """
-
-    def forces(at: Float[Array, " p"]) -> Float[Array, " p"]:
-        return guide_forces(at.reshape(-1, 3), cable.pulled_at, tension, cable.friction).ravel()
-
-    return jax.jvp(forces, (near,), (y - near,))[1]
 
 
 def _rest_length(cable: PulledCable | ShortenedCable) -> Float[Array, ""]:
