@@ -24,7 +24,7 @@ from softfuse.calibration.presses import Adjustable
 from softfuse.errors import SoftfuseError
 from softfuse.experiment.accuracy import NINETY
 from softfuse.hardware.recording import Recording
-from softfuse.report.certainty import Electrodes, certainty, further, grid_of, places_mm, sharpened
+from softfuse.report.certainty import Electrodes, certainty, further, places_mm, sharpened
 from softfuse.report.columns import Unit, unit_of
 from softfuse.report.figures import misfits, usefulness
 from softfuse.report.page import page, picture, table
@@ -324,7 +324,8 @@ def calibrated_robot(
         found.value,
         beyond,
         near=near,
-        needed=grid_of(robot.settings, 1.0) is not None,
+        # A grid has all of its places.
+        needed=robot.settings.contacts[0].within is not None,
         seen=seen("looking at further presses"),
     )
     beyond = beyond.only(answer.sample)

@@ -24,8 +24,6 @@ from softfuse.robot.settings import RobotSettings
 from softfuse.sensors.crossed.sensor import CrossedElectrodes, CrossedReading
 from softfuse.sensors.crossed.settings import CrossedSettings
 
-Near = tuple[State, ...] | None
-
 _LIGHT = 0.1
 """Of the largest force, with which is pressed where nothing is known of any."""
 _MOST_PLACES = 24
@@ -47,7 +45,9 @@ def grid_of(settings: RobotSettings, force_N: float) -> Grid | None:
     return None if within is None else Grid.over(within.x, within.y, force_N)
 
 
-def further(fitted: Fitted, applied: Applied, states: tuple[State, ...]) -> tuple[Applied, Near]:
+def further(
+    fitted: Fitted, applied: Applied, states: tuple[State, ...]
+) -> tuple[Applied, tuple[State, ...] | None]:
     """Further presses (s,) all over the robot, each with the largest force of those that were made, with
     actuators as they were in the samples where they do least and most; and those samples' equilibria, to
     start from where actuators move the robot. None belongs to another.
