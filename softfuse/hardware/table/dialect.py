@@ -185,14 +185,17 @@ def _fit(
         names = _names(lines[k], separator, quote)
         return sum(name in wanted or time(name) for name in names)
 
+    without = [k for k, row in enumerate(rows) if not numbers[k] and any(row)]
     headers = [
         (k, width)
-        for k, row in enumerate(rows)
-        if not numbers[k] and any(row)
-        for width in (widths if any(data) else [0])
-        if not width or abs(len(row) - width) <= 1 and _above_data(k, rows, data, width)
+        for k in without
+        for width in widths
+        if abs(len(rows[k]) - width) <= 1 and _above_data(k, rows, data, width)
     ]
-    best = max(headers, key=lambda h: (named(h[0]) > 0, widths[h[1]], h[1], named(h[0])), default=None)
+    if not widths:
+        headers = [(k, 0) for k in without]
+    tells = {k: named(k) for k, _ in headers}
+    best = max(headers, key=lambda h: (tells[h[0]] > 0, widths[h[1]], h[1], tells[h[0]]), default=None)
     if best is None:
         width = max(widths, key=lambda w: (widths[w], w), default=0)
         return (0.0,) * 5, Dialect(separator, decimal, quote, (), (), 0, width, ())
@@ -220,7 +223,7 @@ def _fit(
         max(width, len(names)),
         sample,
     )
-    return (float(min(named(at), 1)), float(min(len(names), 2)), float(named(at)), *shares), found
+    return (float(min(tells[at], 1)), float(min(len(names), 2)), float(tells[at]), *shares), found
 
 
 def _above_data(k: int, rows: Sequence[list[str]], data: Sequence[bool], width: int) -> bool:
