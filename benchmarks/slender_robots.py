@@ -153,10 +153,10 @@ def timed(checkout: Path, config: Path, given: Sequence[str], cache: Path) -> di
     before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     ended = subprocess.run(
         [sys.executable, "-m", "softfuse", "simulate", config, *given, "--quiet", "--json", numbers],
-        env={**os.environ, "PYTHONPATH": str(checkout), "JAX_COMPILATION_CACHE_DIR": str(cache)},
+        env={**os.environ, "JAX_COMPILATION_CACHE_DIR": str(cache)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
-        cwd=checkout,  # Python looks there first
+        cwd=checkout,  # Python looks there first, before any folder of its path
         text=True,
         check=False,
     )
