@@ -33,13 +33,11 @@ from scipy.interpolate import PchipInterpolator, RegularGridInterpolator
 from scipy.optimize import brentq, least_squares
 
 import softfuse as sf
-from softfuse.mesh.block import Fineness, whole_block
 from softfuse.mesh.files import write_mesh
+from softfuse.mesh.kuhn import kuhn_grid
+from softfuse.mesh.orientation import oriented
+from softfuse.mesh.tetmesh import quadratic, tet_mesh
 from softfuse.robot.file import parse
-from softfuse.robot.layout.cavity_shape import CavityShape
-from softfuse.robot.layout.layout import TiedLayout
-from softfuse.robot.layout.layout_source import drawn_mesh
-from softfuse.robot.layout.profile import RoundedBox
 
 MM, KPA = 1e-3, 1e3
 LENGTH, WIDTH, CHANNEL = 100 * MM, 20 * MM, 92 * MM
@@ -57,8 +55,8 @@ DEPTHS = np.array([0.5, 0.65, 0.8, 0.9, 1.0, 1.08])
 STRETCHES = np.array([0.0, 0.01])
 """Gauge pressures over Young's modulus."""
 
-FINE_M, GROWTH, CLOSE_M, BASE_M = 0.9 * MM, 0.6, 2.0 * MM, 20 * MM
-"""Longest edges near the press, their growth per distance beyond, and boxes of the grid."""
+FINE_M, CELLS, SIDE = 1.2 * MM, 16, 4
+"""Edges of the boxes near the press, and how many there are along the channel and on each of its sides."""
 
 CONFIG = """
 [robot]
@@ -137,31 +135,56 @@ def read(folder: Path) -> list[Press]:
     return found
 
 
-def mesh(diameter: float, thickness: float, at: float, path: Path) -> None:
-    """Write a pad with a round channel, fine from the place that is pressed down to the channel."""
-    shape, half = CavityShape(RoundedBox()), 0.5 * diameter * MM
-    values = dict.fromkeys(shape.names, 0.0)
-    own = (0.0, 0.0, 0.5 * thickness, 0.5 * CHANNEL, half, half, 0.0, 0.0, 0.0, 0.999 * half)
-    values.update(zip(shape.names, own, strict=True))
-    low, high = 0.5 * thickness - half, thickness
-
-    def longest(corners: np.ndarray) -> np.ndarray:
-        middle = corners.mean(axis=1)
-        near = np.column_stack(
-            [np.full(len(middle), at), np.zeros(len(middle)), middle[:, 2].clip(low, high)]
-        )
-        away = np.linalg.norm(middle - near, axis=1)
-        return FINE_M + GROWTH * np.maximum(away - CLOSE_M, 0.0)
-
-    layout = TiedLayout.of(whole_block((LENGTH, WIDTH, thickness)), [(shape, values)], ())
-    write_mesh(path, drawn_mesh(layout, Fineness(BASE_M, longest)))
+def _apart(count: int, first: float, length: float) -> np.ndarray:
+    """Distances (count,) from 0 to a length, the first of which is given and which grow alike, without 0."""
+    if count * first >= length:
+        return np.linspace(0.0, length, count + 1)[1:]
+    ratio = brentq(lambda r: first * np.sum(r ** np.arange(count)) - length, 1.0, 10.0)
+    return np.cumsum(first * ratio ** np.arange(count))
 
 
-def answers(diameter: float, thickness: float, at: float) -> np.ndarray:
+def mesh(diameter: float, thickness: float, at: float, finer: int, path: Path) -> None:
+    """Write a pad with a round channel, fine where it is pressed; all have the same tetrahedra.
+
+    Boxes with a square channel of the same section, made round towards the middle of a pad; its ends are
+    square. A press at a place is as one at its mirror image.
+    """
+    middle, end, round_ = 0.5 * thickness, 0.5 * CHANNEL, 0.5 * diameter * MM
+    half, fine = 0.5 * np.sqrt(np.pi) * round_, FINE_M / finer
+    shorter = max(3 * finer, round(CELLS * finer * (end - at) / CHANNEL))
+    left = at - _apart(CELLS * finer - shorter, fine, end + at)[::-1]
+    right = at + _apart(shorter, fine, end - at)
+    x = np.concatenate([[-0.5 * LENGTH], left, [at], right, [0.5 * LENGTH]])
+    side = half + _apart(SIDE * finer, fine, 0.5 * WIDTH - half)
+    y = np.concatenate([-side[::-1], np.linspace(-half, half, 2 * finer + 1), side])
+    below = np.linspace(0.0, middle - half, finer + 1)[:-1]
+    above = np.linspace(middle + half, thickness, 2 * finer + 1)[1:]
+    z = np.concatenate([below, middle + np.linspace(-half, half, 2 * finer + 1), above])
+    boxes = np.stack(np.meshgrid(*(0.5 * (p[1:] + p[:-1]) for p in (x, y, z)), indexing="ij"), axis=-1)
+    solid = (np.abs(boxes - [0.0, 0.0, middle]) > [end, half, half]).any(axis=-1)
+    odd = (0, SIDE * finer % 2, finer % 2)
+    grid = kuhn_grid((x, y, z), solid, odd)
+    linear = oriented(tet_mesh(grid.nodes, grid.tets))
+
+    def rounded(nodes: np.ndarray) -> np.ndarray:
+        across = nodes[:, 1:] - [0.0, middle]
+        square, circle = np.abs(across).max(axis=1), np.linalg.norm(across, axis=1)
+        part = np.clip((middle - square) / (middle - half), 0.0, 1.0)
+        part *= np.interp(nodes[:, 0], x[[1, 2, -3, -2]], [0.0, 1.0, 1.0, 0.0])
+        factor = np.divide(square * round_ / half, circle, out=np.ones_like(circle), where=circle > 0.0)
+        return np.column_stack([nodes[:, 0], [0.0, middle] + (1.0 + part * (factor - 1.0))[:, None] * across])
+
+    straight, chords = quadratic(linear), quadratic(tet_mesh(rounded(linear.nodes), linear.tets))
+    wall = np.isclose(np.abs(straight.nodes[:, 1:] - [0.0, middle]).max(axis=1), half, rtol=1e-6)
+    wall &= (straight.nodes[:, 0] >= x[2]) & (straight.nodes[:, 0] <= x[-3])
+    write_mesh(path, tet_mesh(np.where(wall[:, None], rounded(straight.nodes), chords.nodes), straight.tets))
+
+
+def answers(diameter: float, thickness: float, at: float, finer: int = 1) -> np.ndarray:
     """Force [N] of a pad of `YOUNG_PA` and change of its channel [m³] by depth and p / E (d, s, 2)."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "pad.vtu"
-        mesh(diameter, thickness, at, path)
+        mesh(diameter, thickness, at, finer, path)
         text = CONFIG.format(file=path.name, young=YOUNG_PA, middle=0.5 * thickness / MM)
         robot = sf.build_robot(parse(text, Path(folder) / "pad.toml"))
     table = np.empty((len(DEPTHS), len(STRETCHES), 2))
@@ -182,7 +205,7 @@ def answers(diameter: float, thickness: float, at: float) -> np.ndarray:
 
 def tables(diameter: float, folder: Path) -> np.ndarray:
     """`answers` of all thicknesses and places (t, x, d, s, 2), kept in a folder."""
-    grid = np.concatenate([THICKNESSES_M, PLACES_M, DEPTHS, STRETCHES, [FINE_M, GROWTH, CLOSE_M, BASE_M]])
+    grid = np.concatenate([THICKNESSES_M, PLACES_M, DEPTHS, STRETCHES, [FINE_M, CELLS, SIDE]])
     path = folder / f"{diameter:g}mm.npz"
     if path.exists():
         with np.load(path) as kept:

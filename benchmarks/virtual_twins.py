@@ -82,6 +82,34 @@ def errors(samples: Samples) -> dict[str, object]:
     }
 
 
+def compared(fitted: Path, recording: Path, fitted_to: int, every: int) -> dict[str, object]:
+    """What a calibrated robot tells of the presses that it was not fitted to, beside the truth."""
+    robot = sf.build_robot(sf.load(fitted))
+    read = sf.read_sensors(robot.settings, recording)
+    study = followed(robot, read, every)
+    (contact,) = robot.settings.contacts
+    told = observed(robot, contact.name, PRESSED * contact.max_force)
+    both = told.force_told & told.place_told
+    numbers: dict[str, object] = {"told_of_surface": float(both.mean())}
+    samples = study.samples
+    if samples is None:
+        raise SystemExit(f"{recording} does not hold places and forces of contacts")
+    counts = samples.true_force_N > PART * contact.max_force
+    press = study.truth.press[study.sampled]
+    counts &= press >= fitted_to
+    at = samples.true_location_m
+    near = KDTree(told.places[:, 0, : at.shape[1]]).query(at)[1]
+    numbers["where told"] = errors(samples.only(counts & both[near]))
+    numbers["where not told"] = errors(samples.only(counts & ~both[near]))
+    shape = study.shape_samples
+    if shape is not None:
+        later = shape.press >= fitted_to
+        off = shape.error_m[later]
+        length = float(np.ptp(np.asarray(robot.model.body.rest), axis=0).max())
+        numbers["points_percent_of_length"] = rms(100 * off[np.isfinite(off)] / length)
+    return numbers
+
+
 def main() -> None:
     """Record, calibrate, observe, follow, compare."""
     sf.prepare_jax()
@@ -101,29 +129,7 @@ def main() -> None:
         "calibrate", given.config, recording, "--presses", f"0-{given.fitted_to - 1}", "--out", fitted
     )
     print(f"calibrated in {seconds:.0f} s", flush=True)
-    robot = sf.build_robot(sf.load(fitted))
-    read = sf.read_sensors(robot.settings, recording)
-    study = followed(robot, read, given.every)
-    (contact,) = robot.settings.contacts
-    told = observed(robot, contact.name, PRESSED * contact.max_force)
-    both = told.force_told & told.place_told
-    numbers: dict[str, object] = {"told_of_surface": float(both.mean())}
-    samples = study.samples
-    if samples is None:
-        raise SystemExit(f"{recording} does not hold places and forces of contacts")
-    counts = samples.true_force_N > PART * contact.max_force
-    press = study.truth.press[study.sampled]
-    counts &= press >= given.fitted_to
-    at = samples.true_location_m
-    near = KDTree(told.places[:, 0, : at.shape[1]]).query(at)[1]
-    numbers["where told"] = errors(samples.only(counts & both[near]))
-    numbers["where not told"] = errors(samples.only(counts & ~both[near]))
-    shape = study.shape_samples
-    if shape is not None:
-        later = shape.press >= given.fitted_to
-        off = shape.error_m[later]
-        length = float(np.ptp(np.asarray(robot.model.body.rest), axis=0).max())
-        numbers["points_percent_of_length"] = rms(100 * off[np.isfinite(off)] / length)
+    numbers = compared(fitted, recording, given.fitted_to, given.every)
     print(json.dumps(numbers, indent=2))
     (given.out / "numbers.json").write_text(json.dumps(numbers, indent=2) + "\n")
 

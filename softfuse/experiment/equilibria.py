@@ -7,6 +7,7 @@ equilibria. Cables that are commanded to a length hold it while something presse
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -163,7 +164,7 @@ class RobotSolver:
             most = cable.max_tension
             if cable.name in self._by_length:
                 model, drive = self._made.model, jnp.asarray(self._rest_drive())
-                model = eqx.tree_at(lambda m: (m.contacts, m.slots), model, ((), ()))
+                model = replace(model, contacts=(), slots=())
                 nowhere = jnp.zeros((0, 3, 3))
                 start = State.rest(model.body, model.loads(nowhere))
                 pulled = drive.at[number].set(_PROBE * most)

@@ -127,6 +127,16 @@ def test_a_cable_that_is_commanded_to_a_tension_is_pulled_with_it() -> None:
     assert dict(RobotSolver(robot).reach()) == {"palm": 10.0, "bladder": 20e3}
 
 
+def test_a_cable_that_is_shortened_reaches_as_far_as_its_largest_tension_would_pull_a_linear_body(
+    beam: VirtualRobot,
+) -> None:
+    solver = RobotSolver(beam)
+    reach = dict(solver.reach())["palm"]
+    poses = solver.poses(Episode((), (("palm", 0.01 * reach),)))
+    tension = poses["drive"][-1, beam.made.addresses.drives["palm"]]
+    assert reach > 0 and tension == pytest.approx(0.01 * 10.0, rel=0.03)
+
+
 def test_episodes_at_random_are_where_something_may_press_and_within_reach(beam: VirtualRobot) -> None:
     reach = (("palm", 5e-3), ("bladder", 20e3))
     episodes = episodes_of(beam.made, 8, reach=reach, seed=3)
