@@ -15,12 +15,12 @@ from softfuse.sensors.suite import Observation
 @dataclass(frozen=True)
 class TrackerSettings:
     """When an estimate is doubted: `poor_fit` [-], a misfit above this part of the largest reading;
-    `model_error`, by how much the model may be wrong; `offset_s` [s], over which time what the model misses
-    is averaged.
+    `model_error`, by how much the model may be wrong, None: not known; `offset_s` [s], over which time what
+    the model misses is averaged.
     """
 
     poor_fit: float = 0.25
-    model_error: ModelError = ModelError()
+    model_error: ModelError | None = None
     offset_s: float = 1.0
 
     @classmethod
@@ -29,7 +29,8 @@ class TrackerSettings:
         given = robot.settings.estimator
         path, readings = given.reading_spread, robot.model.n_readings
         spread = None if path is None else read_spread(path, readings)
-        return cls(given.poor_fit, ModelError(given.model_error, spread=spread))
+        known = given.model_error is not None or spread is not None
+        return cls(given.poor_fit, ModelError(given.model_error or 0.0, spread=spread) if known else None)
 
 
 def doubts_of(

@@ -3,7 +3,7 @@ it does not know of its parameters.
 """
 
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -131,26 +131,35 @@ class ModelError:
             covariance += self.spread.covariance(places, force_N)
         return covariance
 
-    def lasting(
-        self,
-        reading: Float[np.ndarray, " k"],
-        sigma: Float[np.ndarray, " k"],
-        places: np.ndarray,
-        force_N: Float[np.ndarray, " c"],
-    ) -> Float[np.ndarray, "k k"]:
-        """Covariance (k, k) of what does not change while the contacts stay, without the sensors' noise;
-        arguments as those of `covariance`. Of a model about whose errors nothing is known, a tenth of the
-        largest reading, in standard deviations, whichever it is of: so readings weigh as they do in a frame.
-        """
-        if self.part == 0 and self.spread is None:
-            return np.diag((AS_DRAWN.part * np.max(np.abs(reading) / sigma, initial=0.0) * sigma) ** 2)
-        return self.covariance(reading, np.zeros_like(sigma), places, force_N)
-
 
 AS_DRAWN = ModelError(part=0.1, alike=0.2)
 """Of a model that has not been compared with presses: silicones of one name differ more, but who makes a
 robot measures its modulus.
 """
+
+
+def assumed(error: ModelError | None, kind: Int[np.ndarray, " k"], *, alone: bool) -> ModelError:
+    """By how much a model may be wrong about readings of such kinds (k,); of one about whose errors nothing
+    is known, None, where the readings tell of a contact `alone`, as it is drawn, and else by nothing.
+    """
+    return replace(error or (AS_DRAWN if alone else ModelError()), kind=kind)
+
+
+def lasting(
+    error: ModelError | None,
+    reading: Float[np.ndarray, " k"],
+    sigma: Float[np.ndarray, " k"],
+    places: Float[np.ndarray, "c 3 3"],
+    force_N: Float[np.ndarray, " c"],
+) -> Float[np.ndarray, "k k"]:
+    """Covariance (k, k) of what does not change while the contacts stay, without the sensors' noise;
+    arguments as those of `ModelError.covariance`. Of a model about whose errors nothing is known, None, or
+    only what sensors say, a tenth of the largest reading, in standard deviations, whichever it is of: so
+    readings weigh as they do in a frame.
+    """
+    if error is None or (error.part == 0 and error.spread is None):
+        return np.diag((AS_DRAWN.part * np.max(np.abs(reading) / sigma, initial=0.0) * sigma) ** 2)
+    return error.covariance(reading, np.zeros_like(sigma), places, force_N)
 
 
 def whitening(

@@ -24,7 +24,7 @@ from softfuse.estimation.compiled_suite import CompiledSuite, Finding
 from softfuse.estimation.doubts import TrackerSettings, doubts_of
 from softfuse.estimation.estimator import Estimate, Estimator
 from softfuse.estimation.limits import Limits
-from softfuse.estimation.model_error import AS_DRAWN, ModelError, ModelOffset, whitening
+from softfuse.estimation.model_error import ModelError, ModelOffset, assumed, lasting, whitening
 from softfuse.estimation.place_search import Placed, PlaceSearch, Seen, as_seen
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.step import Observation as Aim
@@ -300,8 +300,12 @@ class Tracker:
             covariance[at, at] = placed.variance_m2[unmoved]
         evidence = None
         if now.drift is not None and not seen.unseen.any():
-            lasting = self.settings.model_error.lasting(
-                np.where(valid, reading, 0.0), np.asarray(now.sigma), places, self._force_N
+            unchanged = lasting(
+                self.settings.model_error,
+                np.where(valid, reading, 0.0),
+                np.asarray(now.sigma),
+                places,
+                self._force_N,
             )
             acting = np.asarray(limits.upper > limits.lower)
             evidence = Evidence(
@@ -314,7 +318,7 @@ class Tracker:
                 along(places, seen.location_m),
                 seen.sigma_m.ravel(),
                 acting,
-                lasting,
+                unchanged,
                 now.drift,
             )
         return _Estimated(found.drive, covariance, places, placed, misfit, evidence, doubts)
@@ -331,14 +335,13 @@ class Tracker:
         return _Estimated(np.zeros(drives), still, seen.places, as_seen(seen), unexplained, evidence, [])
 
     def _model_error(self, seen: Seen) -> ModelError:
-        """By how much the model may be wrong; where only readings tell of a contact, never by nothing."""
-        given = replace(self.settings.model_error, kind=self.robot.reading_kinds)
-        alone = seen.unseen.any() or self._unseen.alone
-        return replace(AS_DRAWN, kind=given.kind) if given.part == 0 and self._search and alone else given
+        """By how much the model may be wrong."""
+        alone = self._search is not None and (bool(seen.unseen.any()) or self._unseen.alone)
+        return assumed(self.settings.model_error, self.robot.reading_kinds, alone=alone)
 
     def _told(self, seen: Seen) -> Bool[np.ndarray, " c"]:
         """Contacts (c,) whose places readings tell: unseen ones, and all where the model's error is known."""
-        return seen.unseen | (self.settings.model_error.part > 0)
+        return seen.unseen | (self.settings.model_error is not None)
 
     def _of_contacts(self, flags: Bool[np.ndarray, " c"]) -> Bool[np.ndarray, " d"]:
         """A flag of each contact for each of its drives (d,)."""

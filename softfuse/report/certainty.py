@@ -139,19 +139,18 @@ def _overall(fitted: Fitted, answer: Answer, found: Fit) -> Edits:
     unknown = np.einsum("skp,pq,skq->sk", answer.slope, found.covariance, answer.slope)
     wrong = missed(answer.reading, found.discrepancy.part, fitted.kind) ** 2 + unknown
     edits: dict = {}
-    rest = []
+    rest = [0.0]
     for kind in np.unique(fitted.kind):
         own = fitted.kind == kind
         largest = np.max(np.abs(answer.reading[:, own]), axis=1)
         part = float(np.sqrt(np.mean(wrong[:, own], axis=1).sum() / np.sum(largest**2)))
         name = list(fitted.robot.addresses.readings)[kind]
         number = [sensor.name for sensor in fitted.robot.settings.sensors].index(name)
-        if hasattr(fitted.robot.settings.sensors[number], "model_error"):
+        if fitted.robot.settings.sensors[number].errs_with_model:
             edits["sensor", number, "model_error"] = float(f"{part:.4g}")
         else:
             rest.append(part)
-    if rest:
-        edits["estimator", "model_error"] = float(f"{max(rest):.4g}")
+    edits["estimator", "model_error"] = float(f"{max(rest):.4g}")
     return edits
 
 

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from softfuse.errors import ConfigError
 from softfuse.estimation.doubts import TrackerSettings
+from softfuse.estimation.model_error import assumed
 from softfuse.estimation.uncertainty import Observability, observability, response
 from softfuse.report.figures import maps, spots
 from softfuse.report.page import page, picture, table
@@ -165,31 +166,35 @@ def expected(
     places = np.stack([*named.values()]) if workspace is None else workspace.grid(side)[0]
     model = replace(robot.model, contacts=(robot.model.contacts[number],), slots=())
     answer = response(model, places, force_N, seen=begin(len(places)))
-    noise, one = reading_sigma(robot, held_s), np.array([force_N])
-    error = replace(TrackerSettings.of(robot).model_error, kind=robot.reading_kinds)
+    alone, one = bool(robot.unseen[slot]), np.array([force_N])
+    error = assumed(TrackerSettings.of(robot).model_error, robot.reading_kinds, alone=alone)
     covariance = np.array(
         [
-            error.covariance(reading, noise, place[None], one)
-            for reading, place in zip(answer.reading, places, strict=True)
+            error.covariance(reading, sigma, place[None], one)
+            for reading, sigma, place in zip(
+                answer.reading, reading_sigma(robot, held_s, answer.reading), places, strict=True
+            )
         ]
     )
     found = observability(answer, covariance, place_sigma_m)
     names = tuple(named) if workspace is None else ()
     grid = None if settings.direction is None else side
-    seen = not bool(robot.unseen[slot])
-    return Expected(robot, settings.name, force_N, places, names, found, seen, grid)
+    return Expected(robot, settings.name, force_N, places, names, found, not alone, grid)
 
 
-def reading_sigma(robot: Robot, held_s: float) -> Float[np.ndarray, " k"]:
-    """Standard deviations (k,) [SI] that the sensors give their readings after something has touched for so
-    long [s], without changing what they read.
+def reading_sigma(
+    robot: Robot, held_s: float, readings: Float[np.ndarray, "s k"]
+) -> Float[np.ndarray, "s k"]:
+    """Standard deviations (s, k) [SI] that the sensors give these readings (s, k) [SI] when something that
+    causes them has touched for so long [s].
     """
     time = np.arange(0.0, _REST_S + held_s, _STEP_S)
-    found = [np.zeros(0)]
+    touching = time >= _REST_S
+    found = [np.zeros((len(readings), 0))]
     settings = {each.name: each for each in robot.settings.sensors}
     for sensor in robot.suite.sensors:
-        still = np.zeros((len(time), len(sensor.readings)))
-        raw = jnp.asarray(settings[sensor.name].ideal(robot.parts, time, still))
+        own = readings[:, robot.addresses.readings[sensor.name]]
+        raw = [settings[sensor.name].ideal(robot.parts, time, np.outer(touching, each)) for each in own]
 
         def step(state, now, sensor=sensor):
             time_s, raw, touching = now
@@ -200,7 +205,8 @@ def reading_sigma(robot: Robot, held_s: float) -> Float[np.ndarray, " k"]:
             state, measured = sensor.update(state, frame, raw, context)
             return state, measured.sigma
 
-        touching = jnp.asarray(time >= _REST_S)
-        _, sigma = jax.lax.scan(step, sensor.init(), (jnp.asarray(time), raw, touching))
-        found.append(np.asarray(sigma)[-1])
-    return np.concatenate(found)
+        def last(raw, sensor=sensor, step=step):
+            return jax.lax.scan(step, sensor.init(), (jnp.asarray(time), raw, jnp.asarray(touching)))[1][-1]
+
+        found.append(np.asarray(jax.vmap(last)(jnp.asarray(np.array(raw)))))
+    return np.concatenate(found, axis=1)

@@ -171,7 +171,7 @@ def parse_presses(text: str) -> set[int]:
 def of_noise_alone(settings: RobotSettings) -> RobotSettings:
     """The settings of sensors whose standard deviations are those of noise alone."""
     sensors = tuple(
-        sensor.model_copy(update={"model_error": 0.0}) if hasattr(sensor, "model_error") else sensor
+        sensor.model_copy(update={"model_error": 0.0}) if sensor.errs_with_model else sensor
         for sensor in settings.sensors
     )
     return settings.model_copy(update={"sensors": sensors})

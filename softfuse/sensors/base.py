@@ -238,6 +238,8 @@ class SensorSettings(Settings):
 
     channels_for: ClassVar[tuple[int, str] | None] = None
     """How many channels every one has, and for what; None where the table says."""
+    errs_with_model: ClassVar[bool] = False
+    """Whether its `model_error` is in the standard deviations that it gives its readings."""
 
     name: str
     channels: Names

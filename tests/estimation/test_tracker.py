@@ -134,7 +134,8 @@ def test_the_same_frames_give_the_same_numbers(run) -> None:
 def test_evidence_says_how_readings_go_with_places_that_they_tell(run: Callable[..., list[Tracked]]) -> None:
     # Of a model about whose errors nothing is known, readings tell no place.
     known, told = (
-        run(settings=TrackerSettings(poor_fit=1e6, model_error=ModelError(part)))[-1] for part in (0.0, 0.1)
+        run(settings=TrackerSettings(poor_fit=1e6, model_error=error))[-1]
+        for error in (None, ModelError(0.1))
     )
     assert known.evidence is not None and told.evidence is not None
     assert known.evidence.by_place.shape == told.evidence.by_place.shape and told.evidence.by_place.size

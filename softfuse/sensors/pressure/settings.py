@@ -72,6 +72,7 @@ class PressureSettings(PartSettings):
 
     known_parts: ClassVar = PRESSURE_PARTS
     quantity: ClassVar = "pressure"
+    errs_with_model: ClassVar = True
 
     type: Literal["pressure"] = "pressure"
     range: Annotated[tuple[Pressure, Pressure], AfterValidator(_ascending)]
