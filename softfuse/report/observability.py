@@ -20,8 +20,9 @@ from softfuse.robot.names import named_places
 from softfuse.robot.robot import Robot
 from softfuse.sensors.base import Context, FrameTime
 
-_REST_S, _STEP_S = 5.0, 0.01
-"""For so long sensors are left at rest before something touches, read so often."""
+_REST_S, _PRESS_S, _STEP_S = 5.0, 1.0, 0.01
+"""For so long sensors are left at rest before something touches, and so long it takes to press; read so
+often."""
 _FORCE_PART, _PLACE_M = 0.06, 2e-3
 """What is told well: force to this part, place to so much."""
 
@@ -185,16 +186,16 @@ def expected(
 def reading_sigma(
     robot: Robot, held_s: float, readings: Float[np.ndarray, "s k"]
 ) -> Float[np.ndarray, "s k"]:
-    """Standard deviations (s, k) [SI] that the sensors give these readings (s, k) [SI] when something that
-    causes them has touched for so long [s].
+    """Standard deviations (s, k) [SI] that the sensors give these readings (s, k) [SI] when what causes them
+    has been held for so long [s].
     """
-    time = np.arange(0.0, _REST_S + held_s, _STEP_S)
-    touching = time >= _REST_S
+    time = np.arange(0.0, _REST_S + _PRESS_S + held_s, _STEP_S)
+    touching, part = time >= _REST_S, np.clip((time - _REST_S) / _PRESS_S, 0.0, 1.0)
     found = [np.zeros((len(readings), 0))]
     settings = {each.name: each for each in robot.settings.sensors}
     for sensor in robot.suite.sensors:
         own = readings[:, robot.addresses.readings[sensor.name]]
-        raw = [settings[sensor.name].ideal(robot.parts, time, np.outer(touching, each)) for each in own]
+        raw = [settings[sensor.name].ideal(robot.parts, time, np.outer(part, each)) for each in own]
 
         def step(state, now, sensor=sensor):
             time_s, raw, touching = now

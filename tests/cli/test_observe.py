@@ -56,7 +56,10 @@ def test_contacts_at_electrodes_are_looked_at_there(
         rows = list(csv.DictReader(stream))
     assert len(rows) == 12 and rows[-2]["place"] == "tip left"
     assert [float(rows[-2][f"{axis}_mm"]) for axis in "xyz"] == [108.0, 10.0, 10.0]
-    assert all(0 < float(row["force_sigma_N"]) < 0.2 for row in rows)
+    # Near the clamp so little moves that a force is lost in what the model misses of the pressures.
+    sigma = [float(row["force_sigma_N"]) for row in rows]
+    assert [row["place"].split()[0] for row in rows[:3]] == ["base"] * 3
+    assert min(sigma) > 0 and max(sigma[3:]) < 0.05 < 0.2 < min(sigma[:3])
     assert (out / "report.html").read_text().count("data:image/png;base64,") == 3
 
 
