@@ -21,14 +21,14 @@ _FEW_COLUMNS = 5
 
 
 class _Fronts(eqx.Module):
-    """The index arrays of one `dissection.Batch` as leaves."""
+    """The index arrays of one `dissection.Batch` as leaves; children (c,), (c,) and (c, m) of each batch."""
 
     pivots: Int[Array, "f s"]
     border: Int[Array, "f t"]
     elements: Int[Array, " e"]
     element_front: Int[Array, " e"]
     element_slots: Int[Array, "e d"]
-    children: tuple[tuple[Int[Array, " c"], Int[Array, " c"], Int[Array, "c m"]], ...]
+    children: tuple[tuple[Int[Array, "_"], Int[Array, "_"], Int[Array, "_ _"]], ...]
     sources: tuple[int, ...] = eqx.field(static=True)
 
 
@@ -54,8 +54,8 @@ def _inverses(blocks: Float[Array, "f s s"]) -> Float[Array, "f s s"]:
 class Factor(eqx.Module):
     """What solving needs: for each batch of fronts D⁻¹ (f, s, s) and G = D⁻¹U (f, s, t)."""
 
-    inverses: tuple[Float[Array, "f s s"], ...]
-    couplings: tuple[Float[Array, "f s t"], ...]
+    inverses: tuple[Float[Array, "_ _ _"], ...]
+    couplings: tuple[Float[Array, "_ _ _"], ...]
 
 
 class Multifrontal(AbstractLinearSolver):

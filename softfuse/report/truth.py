@@ -117,7 +117,7 @@ def _named(recording: Recording, columns: Columns) -> dict[str, np.ndarray]:
 
 def _contacts(
     recording: Recording, columns: Columns, given: dict[str, np.ndarray]
-) -> tuple[Float[np.ndarray, "n t"], Int[np.ndarray, "n t"]]:
+) -> tuple[Float[np.ndarray, "n t"], Int[np.ndarray, "n k"]]:
     """Forces and places of the contacts that truly are there, which are also put among what is given."""
     forces, places = list[np.ndarray](), list[np.ndarray]()
     for k, slot in enumerate(columns.slots):

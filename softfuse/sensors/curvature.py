@@ -1,10 +1,11 @@
 """How a fibre with several cores is bent at stations, by the wavelengths of its Bragg gratings.
 
 A grating's wavelength shifts by Δλ/λ = (1 − p_e) ε_i + α ΔT (Hill and Meltz, J. Lightwave Technol. 15 (1997)
-1263; p_e = 0.22, α = 6.7e-6/K + 0.55e-6/K for silica); a core at distance d and angle θ_i from the section's
-first axis is strained by ε_i = ε − d (κ₁ cos θ_i + κ₂ sin θ_i), see `functional.curvature`. Three cores or
-more tell κ and what they have in common, ε + α ΔT/(1 − p_e); least squares. Without a channel of the
-temperature, that common part tells of neither and is left out; with one, ε is read as well.
+1263; p_e = 0.22; α = 6.7e-6/K, that of the glass and of the index together, 5.2e-6 to 6.7e-6 by fibre); a
+core at distance d and angle θ_i from the section's first axis is strained by
+ε_i = ε − d (κ₁ cos θ_i + κ₂ sin θ_i), see `functional.curvature`. Three cores or more tell κ and what they
+have in common, ε + α ΔT/(1 − p_e); least squares. Without a channel of the temperature, that common part
+tells of neither and is left out; with one, ε is read as well.
 """
 
 from typing import Annotated, Literal, Self
@@ -100,7 +101,7 @@ class BraggSettings(DirectSettings):
     wavelengths: Annotated[tuple[PositiveLength, ...], NotEmpty, BeforeValidator(listed)]
     unit: LengthUnit = 1e-9
     photoelastic: Annotated[Number, Gt(0), Lt(1)] = 0.22
-    thermal: PositiveNumber = 7.25e-6
+    thermal: PositiveNumber = 6.7e-6
     temperature: Temperature = 293.15
     temperature_channel: str | None = None
     noise: PositiveNumber = 1e-6

@@ -38,11 +38,11 @@ class TareTimes(Settings):
 
 class Tare(eqx.Module):
     """How zeros are taken, see `TareTimes`: standard deviations of the zero before any reading [Pa], and of
-    the rate at which it drifts [Pa/s]. All fields are leaves, one value for all channels.
+    the rate at which it drifts [Pa/s], one value for all channels or one for each. All fields are leaves.
     """
 
-    offset_sigma_Pa: Float[Array, ""]
-    drift_Pa_s: Float[Array, ""]
+    offset_sigma_Pa: Float[Array, "..."]
+    drift_Pa_s: Float[Array, "..."]
     settle_s: Float[Array, ""]
     follow_s: Float[Array, ""]
     gate_sigma: Float[Array, ""]
