@@ -204,14 +204,19 @@ def answers(diameter: float, thickness: float, at: float, finer: int = 1) -> np.
 
 
 def tables(diameter: float, folder: Path) -> np.ndarray:
-    """`answers` of all thicknesses and places (t, x, d, s, 2), kept in a folder."""
-    grid = np.concatenate([THICKNESSES_M, PLACES_M, DEPTHS, STRETCHES, [FINE_M, CELLS, SIDE]])
-    path = folder / f"{diameter:g}mm.npz"
+    """`answers` of all thicknesses and places (t, x, d, s, 2), each kept in a folder."""
+    return np.array([[kept(folder, diameter, t, x) for x in PLACES_M] for t in THICKNESSES_M])
+
+
+def kept(folder: Path, diameter: float, thickness: float, at: float) -> np.ndarray:
+    """`answers`, from the folder where they are there for the same depths, pressures and mesh."""
+    grid = np.concatenate([DEPTHS, STRETCHES, [FINE_M, CELLS, SIDE]])
+    path = folder / f"{diameter:g}mm_{thickness / MM:g}mm_{at / MM:g}mm.npz"
     if path.exists():
-        with np.load(path) as kept:
-            if np.array_equal(kept["grid"], grid):
-                return kept["table"]
-    table = np.array([[answers(diameter, t, x) for x in PLACES_M] for t in THICKNESSES_M])
+        with np.load(path) as found:
+            if np.array_equal(found["grid"], grid):
+                return found["table"]
+    table = answers(diameter, thickness, at)
     np.savez(path, grid=grid, table=table)
     return table
 

@@ -28,6 +28,9 @@ from softfuse.report.presses import Part
 PART, PRESSED = 0.2, 0.4
 """Forces count from this part of the range; `observe` looks at this one."""
 
+BEFORE = 5
+"""Frames before a sample that are estimated, too."""
+
 
 def recorded(settings: sf.RobotSettings, presses: int, seed: int, out: Path) -> Path:
     """A recording of the twin."""
@@ -55,10 +58,12 @@ def observed(robot: sf.Robot, contact: str, force_N: float) -> Expected:
 
 
 def followed(robot: sf.Robot, recording: sf.Recording, every: int) -> sf.Study:
-    """A study of every so many frames and all samples."""
-    part, tracker = Part.of(recording, every), sf.Tracker(robot)
-    study = sf.Study(robot, part.recording)
-    frames = zip(sf.sensor_frames(robot.settings, recording), part.estimated.tolist(), strict=True)
+    """A study of every so many frames, all samples, and the frames before these: live, there are no gaps."""
+    estimated, tracker = Part.of(recording, every).estimated, sf.Tracker(robot)
+    samples = np.flatnonzero(recording.columns["sample"] > 0)
+    estimated[np.maximum(samples[:, None] - np.arange(1, BEFORE + 1), 0)] = True
+    study = sf.Study(robot, recording.rows(np.flatnonzero(estimated)))
+    frames = zip(sf.sensor_frames(robot.settings, recording), estimated.tolist(), strict=True)
     for now in sf.follow(tracker, frames):
         study.see(now)
     return study
