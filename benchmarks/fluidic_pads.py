@@ -1,6 +1,6 @@
 """How well one model fits presses on real fluidic tactile pads, channels of air with pressure sensors.
 
-    .venv/bin/python benchmarks/fluidic_pads.py --fit DIR --test DIR --json FILE [--tables FOLDER]
+    .venv/bin/python benchmarks/fluidic_pads.py --fit DIR --test DIR --json FILE [--tables FOLDER] [--finer 1]
 
 DIR holds tables `presses_1d_air_1p5mm.csv` and `peaks_1d_air_1p5mm.csv` of pads by Goshtasbi et al. (Nature
 Communications 2026, DOI 10.1038/s41467-026-72497-3), one for each diameter of the channel. Unknown, and
@@ -144,13 +144,14 @@ def _apart(count: int, first: float, length: float) -> np.ndarray:
 
 
 def mesh(diameter: float, thickness: float, at: float, finer: int, path: Path) -> None:
-    """Write a pad with a round channel, fine where it is pressed; all have the same tetrahedra.
+    """Write a pad with a round channel, fine where it is pressed, so many times finer than as drawn; all that
+    are as fine have the same tetrahedra.
 
     Boxes with a square channel of the same section, made round towards the middle of a pad; its ends are
     square. A press at a place is as one at its mirror image.
     """
-    middle, end, round_ = 0.5 * thickness, 0.5 * CHANNEL, 0.5 * diameter * MM
-    half, fine = 0.5 * np.sqrt(np.pi) * round_, FINE_M / finer
+    middle, end, radius = 0.5 * thickness, 0.5 * CHANNEL, 0.5 * diameter * MM
+    half, fine = 0.5 * np.sqrt(np.pi) * radius, FINE_M / finer
     shorter = max(3 * finer, round(CELLS * finer * (end - at) / CHANNEL))
     left = at - _apart(CELLS * finer - shorter, fine, end + at)[::-1]
     right = at + _apart(shorter, fine, end - at)
@@ -171,7 +172,7 @@ def mesh(diameter: float, thickness: float, at: float, finer: int, path: Path) -
         square, circle = np.abs(across).max(axis=1), np.linalg.norm(across, axis=1)
         part = np.clip((middle - square) / (middle - half), 0.0, 1.0)
         part *= np.interp(nodes[:, 0], x[[1, 2, -3, -2]], [0.0, 1.0, 1.0, 0.0])
-        factor = np.divide(square * round_ / half, circle, out=np.ones_like(circle), where=circle > 0.0)
+        factor = np.divide(square * radius / half, circle, out=np.ones_like(circle), where=circle > 0.0)
         return np.column_stack([nodes[:, 0], [0.0, middle] + (1.0 + part * (factor - 1.0))[:, None] * across])
 
     straight, chords = quadratic(linear), quadratic(tet_mesh(rounded(linear.nodes), linear.tets))
@@ -180,7 +181,7 @@ def mesh(diameter: float, thickness: float, at: float, finer: int, path: Path) -
     write_mesh(path, tet_mesh(np.where(wall[:, None], rounded(straight.nodes), chords.nodes), straight.tets))
 
 
-def answers(diameter: float, thickness: float, at: float, finer: int = 1) -> np.ndarray:
+def answers(diameter: float, thickness: float, at: float, finer: int) -> np.ndarray:
     """Force [N] of a pad of `YOUNG_PA` and change of its channel [m³] by depth and p / E (d, s, 2)."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "pad.vtu"
@@ -203,20 +204,20 @@ def answers(diameter: float, thickness: float, at: float, finer: int = 1) -> np.
     return table
 
 
-def tables(diameter: float, folder: Path) -> np.ndarray:
+def tables(diameter: float, finer: int, folder: Path) -> np.ndarray:
     """`answers` of all thicknesses and places (t, x, d, s, 2), each kept in a folder."""
-    return np.array([[kept(folder, diameter, t, x) for x in PLACES_M] for t in THICKNESSES_M])
+    return np.array([[kept(folder, diameter, t, x, finer) for x in PLACES_M] for t in THICKNESSES_M])
 
 
-def kept(folder: Path, diameter: float, thickness: float, at: float) -> np.ndarray:
+def kept(folder: Path, diameter: float, thickness: float, at: float, finer: int) -> np.ndarray:
     """`answers`, from the folder where they are there for the same depths, pressures and mesh."""
-    grid = np.concatenate([DEPTHS, STRETCHES, [FINE_M, CELLS, SIDE]])
+    grid = np.concatenate([DEPTHS, STRETCHES, [FINE_M / finer, CELLS * finer, SIDE * finer]])
     path = folder / f"{diameter:g}mm_{thickness / MM:g}mm_{at / MM:g}mm.npz"
     if path.exists():
         with np.load(path) as found:
             if np.array_equal(found["grid"], grid):
                 return found["table"]
-    table = answers(diameter, thickness, at)
+    table = answers(diameter, thickness, at, finer)
     np.savez(path, grid=grid, table=table)
     return table
 
@@ -330,6 +331,7 @@ def main() -> None:
     parser.add_argument("--test", type=Path, required=True)
     parser.add_argument("--json", type=Path, required=True)
     parser.add_argument("--tables", type=Path)
+    parser.add_argument("--finer", type=int, default=1, help="times that the mesh is finer")
     given = parser.parse_args()
     fit_to, tests = read(given.fit), read(given.test)
     diameters = sorted({press.diameter for press in [*fit_to, *tests]})
@@ -342,7 +344,9 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         grid = (THICKNESSES_M, PLACES_M, DEPTHS, STRETCHES)
         at = {
-            each: RegularGridInterpolator(grid, tables(each, folder), bounds_error=False, fill_value=None)
+            each: RegularGridInterpolator(
+                grid, tables(each, given.finer, folder), bounds_error=False, fill_value=None
+            )
             for each in diameters
         }
     fit_to, tests = ([press for press in each if press.open] for each in (fit_to, tests))

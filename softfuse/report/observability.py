@@ -3,12 +3,14 @@
 import csv
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from softfuse.errors import ConfigError
 from softfuse.estimation.doubts import TrackerSettings
@@ -18,7 +20,7 @@ from softfuse.report.figures import maps, spots
 from softfuse.report.page import page, picture, table
 from softfuse.robot.names import named_places
 from softfuse.robot.robot import Robot
-from softfuse.sensors.base import Context, FrameTime
+from softfuse.sensors.base import AbstractSensor, Context, FrameTime
 
 _REST_S, _PRESS_S, _STEP_S = 5.0, 1.0, 0.01
 """For so long sensors are left at rest before something touches, and so long it takes to press; read so
@@ -190,24 +192,28 @@ def reading_sigma(
     has been held for so long [s].
     """
     time = np.arange(0.0, _REST_S + _PRESS_S + held_s, _STEP_S)
-    touching, part = time >= _REST_S, np.clip((time - _REST_S) / _PRESS_S, 0.0, 1.0)
+    part = np.clip((time - _REST_S) / _PRESS_S, 0.0, 1.0)
     found = [np.zeros((len(readings), 0))]
     settings = {each.name: each for each in robot.settings.sensors}
     for sensor in robot.suite.sensors:
         own = readings[:, robot.addresses.readings[sensor.name]]
         raw = [settings[sensor.name].ideal(robot.parts, time, np.outer(part, each)) for each in own]
-
-        def step(state, now, sensor=sensor):
-            time_s, raw, touching = now
-            dt = jnp.where(time_s > 0, _STEP_S, 0.0)
-            no = jnp.asarray(False)
-            frame = FrameTime(time_s, dt, ~no, no, time_s == 0)
-            context = Context(touching, touching, no, ~touching, no, ~touching, no)
-            state, measured = sensor.update(state, frame, raw, context)
-            return state, measured.sigma
-
-        def last(raw, sensor=sensor, step=step):
-            return jax.lax.scan(step, sensor.init(), (jnp.asarray(time), raw, jnp.asarray(touching)))[1][-1]
-
-        found.append(np.asarray(jax.vmap(last)(jnp.asarray(np.array(raw)))))
+        last = jax.vmap(partial(_last_sigma, sensor, jnp.asarray(time)))
+        found.append(np.asarray(last(jnp.asarray(np.array(raw)))))
     return np.concatenate(found, axis=1)
+
+
+def _last_sigma(
+    sensor: AbstractSensor, time: Float[Array, " m"], raw: Float[Array, "m n"]
+) -> Float[Array, " k"]:
+    """What a sensor says of its readings (k,) [SI] after raw ones (m, n) at times (m,) [s]."""
+
+    def step(state: Any, now: tuple[Array, Array]) -> tuple[Any, Array]:
+        time_s, raw = now
+        touching, no = time_s >= _REST_S, jnp.asarray(False)
+        frame = FrameTime(time_s, jnp.where(time_s > 0, _STEP_S, 0.0), ~no, no, time_s == 0)
+        context = Context(touching, touching, no, ~touching, no, ~touching, no)
+        state, measured = sensor.update(state, frame, raw, context)
+        return state, measured.sigma
+
+    return jax.lax.scan(step, sensor.init(), (time, raw))[1][-1]

@@ -42,10 +42,9 @@ class EstimatorSettings(Settings):
 
     model_error: part of a reading by which the model may be wrong, beyond what sensors say of it, None: not
     known; reading_spread: file of how uncertain readings are by parameters and places; a calibration finds
-    both; poor_fit: a largest misfit above this
-    part of the largest reading is flagged; largest_motion in m: a step that would move a node further is
-    shortened, None for any; catch_up_steps: further ones in the same frame at most, while they have to be
-    shortened.
+    both; poor_fit: a largest misfit above this part of the largest reading is flagged; largest_motion in m: a
+    step that would move a node further is shortened, None for any; catch_up_steps: further ones in the same
+    frame at most, while they have to be shortened.
     """
 
     steps_per_frame: PositiveInteger = 1

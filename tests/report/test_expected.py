@@ -19,14 +19,13 @@ channels = ["left_V", "right_V"]
 noise = "2 mV"
 model_error = {part}
 """
-SEALED = ("left", "right")
 
 
 def sealed(part: float, estimator: str = "") -> Robot:
-    text = BLOCK[: BLOCK.index("[[sensor]]")]
-    for name in SEALED:
-        text = text.replace(f'name = "{name}"\n', f'name = "{name}"\ngas = "sealed"\ndead_volume = "1 ml"\n')
-    return build_robot(settings_of(text + PRESSURE.format(part=part) + estimator))
+    text = BLOCK[: BLOCK.index("[[sensor]]")] + PRESSURE.format(part=part) + estimator
+    names = ('name = "left"\n', 'name = "right"\n')
+    sealing = [(name, name + 'gas = "sealed"\ndead_volume = "1 ml"\n') for name in names]
+    return build_robot(settings_of(text, *sealing))
 
 
 def test_what_the_model_misses_grows_with_what_is_read() -> None:
