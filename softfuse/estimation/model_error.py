@@ -125,11 +125,19 @@ class ModelError:
         """Covariance (k, k) of measured minus modelled readings (k,) with sensors' noise (k,), under contacts
         at places (c, 3, 3) with forces (c,) N.
         """
-        covariance = np.diag(sigma**2 + missed(reading, self.part, self.kind) ** 2)
-        covariance += self.alike**2 * np.outer(reading, reading)
+        covariance = self.without_contacts(reading, sigma)
         if self.spread is not None:
             covariance += self.spread.covariance(places, force_N)
         return covariance
+
+    def without_contacts(
+        self, reading: Float[np.ndarray, " k"], sigma: Float[np.ndarray, " k"]
+    ) -> Float[np.ndarray, "k k"]:
+        """Covariance (k, k) of measured minus modelled readings (k,) with sensors' noise (k,) where nothing
+        presses.
+        """
+        own = np.diag(sigma**2 + missed(reading, self.part, self.kind) ** 2)
+        return own + self.alike**2 * np.outer(reading, reading)
 
 
 AS_DRAWN = ModelError(part=0.1, alike=0.2)

@@ -248,10 +248,9 @@ class Tracker:
         search, places, prior = self._search, seen.places, None
         if search is not None and search.sought:
             places = search.taken(seen)
-        uncertain = self._model_error(seen).covariance(
-            np.where(valid, reading, 0.0), np.asarray(now.sigma), places, self._force_N
-        )
-        self._unseen.read(reading, valid, uncertain)
+        error, sigma = self._model_error(seen), np.asarray(now.sigma)
+        uncertain = error.covariance(np.where(valid, reading, 0.0), sigma, places, self._force_N)
+        self._unseen.read(reading, valid, sigma, error, uncertain)
         if search is not None:
             lone = seen.pressing.sum() == 1 and bool((seen.pressing & seen.unseen).any())
             fit = self._unseen.fit(fresh=not self._force_N.any()) if lone else None
@@ -303,14 +302,14 @@ class Tracker:
             unchanged = lasting(
                 self.settings.model_error,
                 np.where(valid, reading, 0.0),
-                np.asarray(now.sigma),
+                sigma,
                 places,
                 self._force_N,
             )
             acting = np.asarray(limits.upper > limits.lower)
             evidence = Evidence(
                 misfit,
-                np.asarray(now.sigma),
+                sigma,
                 found.drive,
                 np.asarray(found.report.compliance),
                 along(places, places[:, 0]),

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from softfuse.estimation.estimator import Estimate, Estimator
-from softfuse.estimation.model_error import missed, whitening
+from softfuse.estimation.model_error import ModelError, missed, whitening
 from softfuse.estimation.reduced_estimator import ReducedEstimator
 from softfuse.estimation.rest_response import push_response
 from softfuse.robot.robot import Robot
@@ -114,7 +114,8 @@ class TouchSettings:
 
     It begins when a press somewhere on the surface explains the readings better than none by more than
     `on_chi2`, in `on_frames` frames in a row, and leaves less than `left` of what nothing had explained: what
-    no press explains is the model's error, not a touch. It ends when its force has been within `off_sigma`
+    no press explains is the model's error, not a touch. However large the readings are, if nothing presses
+    the model can only be wrong about what actuators do. It ends when its force has been within `off_sigma`
     standard deviations of 0 for `off_frames` frames.
     """
 
@@ -137,12 +138,12 @@ class TouchByReadings:
         """Forget the past."""
         self.touching, self._frames = False, 0
 
-    def begins(self, fit: PatternFit) -> bool:
-        """Whether it touches after a frame in which nothing did, with what presses all over would explain."""
+    def begins(self, fit: PatternFit, untouched: float) -> bool:
+        """Whether it touches after a frame in which nothing did, with what presses all over would explain and
+        the χ² of an `untouched` robot.
+        """
         left = fit.missing[fit.best]
-        told = (
-            fit.unexplained - left > self._settings.on_chi2 and left < self._settings.left * fit.unexplained
-        )
+        told = untouched - left > self._settings.on_chi2 and left < self._settings.left * fit.unexplained
         return self._counted(told, self._settings.on_frames)
 
     def ends(self, force_N: float, sigma_N: float) -> bool:
@@ -200,6 +201,7 @@ class UnseenTouch:
         self._touch.reset()
         self._unexplained = np.full(self._readings, np.nan)
         self._uncertain = np.zeros((self._readings, self._readings))
+        self._error, self._sigma = ModelError(), np.zeros(self._readings)
 
     def prepare(self) -> Future[_Pattern]:
         """Find places and what presses there do at rest; begun on a thread of its own: it takes seconds."""
@@ -228,11 +230,15 @@ class UnseenTouch:
         self,
         reading: Float[np.ndarray, " k"],
         valid: Bool[np.ndarray, " k"],
+        sigma: Float[np.ndarray, " k"],
+        error: ModelError,
         uncertain: Float[np.ndarray, "k k"],
     ) -> None:
-        """What a frame reads (k,), and the covariance (k, k) of its and the model's errors."""
+        """What a frame reads (k,) with sensors' noise (k,), the model's error, and the covariance (k, k) of
+        both under what presses.
+        """
         self._unexplained = np.where(valid, reading - self._unpressed, np.nan)
-        self._uncertain = uncertain
+        self._sigma, self._error, self._uncertain = sigma, error, uncertain
 
     def model(self, modelled: Float[np.ndarray, " k"], found: Estimate, contact_drives: int) -> None:
         """What the model reads (k,) of an estimate whose first `contact_drives` drives are contacts'."""
@@ -272,5 +278,8 @@ class UnseenTouch:
         """
         if self._touch.touching:
             self._touch.ends(force_N, sigma_N)
-        elif not seen and np.isfinite(self._unexplained).any():
-            self._touch.begins(self.fit(fresh=not pressed))
+        elif not seen and (valid := np.isfinite(self._unexplained)).any():
+            # If nothing presses, the model is wrong about what actuators do only.
+            white = whitening(self._error.without_contacts(self._unpressed, self._sigma), valid)
+            left = white @ np.where(valid, self._unexplained, 0.0)
+            self._touch.begins(self.fit(fresh=not pressed), float(left @ left))

@@ -115,19 +115,30 @@ def fit_of(pattern: Pattern, reading: np.ndarray, sigma: float = 1e-10) -> Patte
 def test_a_touch_begins_and_ends_by_readings_alone(pattern: Pattern) -> None:
     follows, told = TouchByReadings(), fit_of(pattern, 4.0 * pattern.slope[7])
     # Chance says it once, and not three times in a row.
-    assert not any(follows.begins(fit) for fit in (told, told, fit_of(pattern, np.zeros(2)), told, told))
-    assert follows.begins(told) and follows.touching
+    nothing = fit_of(pattern, np.zeros(2))
+    assert not any(follows.begins(fit, fit.unexplained) for fit in (told, told, nothing, told, told))
+    assert follows.begins(told, told.unexplained) and follows.touching
     assert not follows.ends(0.1, 0.2) and not follows.ends(2.0, 0.2)
     frames = TouchSettings().off_frames
     assert [follows.ends(0.1, 0.2) for _ in range(frames)] == [False] * (frames - 1) + [True]
     assert not follows.touching
 
 
+def test_a_press_is_told_however_wrong_the_model_may_be_about_presses(pattern: Pattern) -> None:
+    """An error in proportion to what a press does limits χ² of the readings; not that of no press."""
+    reading = 4.0 * pattern.slope[7]
+    wrong = np.diag(np.full(2, 1e-20)) + 0.3**2 * np.outer(reading, reading)
+    follows, fit = TouchByReadings(), pattern.fitted(reading, wrong, np.ones(2, bool))
+    assert fit.unexplained < 36.0 < (untouched := float(np.sum((reading / 1e-10) ** 2)))
+    assert [follows.begins(fit, untouched) for _ in range(3)] == [False, False, True]
+    assert not any(TouchByReadings().begins(fit, fit.unexplained) for _ in range(3))
+
+
 def test_what_no_press_explains_is_no_touch(pattern: Pattern) -> None:
     follows = TouchByReadings()
     swollen = fit_of(pattern, -4.0 * pattern.slope[7])
     assert swollen.unexplained > 36.0
-    assert not any(follows.begins(swollen) for _ in range(10))
+    assert not any(follows.begins(swollen, swollen.unexplained) for _ in range(10))
     # A force that is lost is not known to press on.
     follows.touching = True
     frames = TouchSettings().off_frames
