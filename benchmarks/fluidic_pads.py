@@ -10,8 +10,8 @@ place is predicted from the others.
 
 A pad is pressed by a sphere of 4 mm. Its forces are in proportion to Young's modulus E, and forces and
 volumes depend on the gas by p / E alone; so they are computed once for some depths, places, pressures and
-thicknesses and interpolated, and the gas follows from the volume, p_a V = (p_a + p) (V + ΔV). --tables keeps
-them.
+thicknesses and interpolated, and the gas follows from the volume, p_a V = (p_a + p) (V + ΔV). Each of 27
+meshes takes one to two minutes on two cores; --tables keeps what is computed.
 
 Told are root mean squares over the presses before the channel's walls touch, in parts of the largest value of
 the diameter's tables: of pressure and force as functions of depth, and of the force that the pressures tell
@@ -23,7 +23,7 @@ import csv
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -47,13 +47,15 @@ CLOSED_M = {1.0: 1.35 * MM, 1.5: 1.7 * MM, 2.0: 1.95 * MM}
 APART_PA = 100.0
 """Difference of the two ends' pressures from which the channel is closed."""
 
-THICKNESSES_M = np.array([5.0, 6.0, 7.0]) * MM
+THICKNESSES_M = np.array([6.5, 7.0, 8.0]) * MM
 PLACES_M = np.array([0.0, 30.0, 40.0]) * MM
 """From the middle; both halves are alike."""
 DEPTHS = np.array([0.5, 0.65, 0.8, 0.9, 1.0, 1.08])
 """In parts of that at which the channel closes."""
 STRETCHES = np.array([0.0, 0.01])
 """Gauge pressures over Young's modulus."""
+NEAR = 0.1
+"""Part of the way to the next depth from which an equilibrium on it counts."""
 
 FINE_M, CELLS, SIDE = 1.2 * MM, 16, 4
 """Edges of the boxes near the press, and how many there are along the channel and on each of its sides."""
@@ -181,35 +183,63 @@ def mesh(diameter: float, thickness: float, at: float, finer: int, path: Path) -
     write_mesh(path, tet_mesh(np.where(wall[:, None], rounded(straight.nodes), chords.nodes), straight.tets))
 
 
-def answers(diameter: float, thickness: float, at: float, finer: int) -> np.ndarray:
-    """Force [N] of a pad of `YOUNG_PA` and change of its channel [m³] by depth and p / E (d, s, 2)."""
+def built(diameter: float, thickness: float, at: float, finer: int, plans: dict[int, Any]) -> sf.Robot:
+    """A pad of `YOUNG_PA`, eliminated as the first one that is as fine, with all faces near its press: one
+    compiled program solves all of them.
+    """
     with TemporaryDirectory() as folder:
         path = Path(folder) / "pad.vtu"
         mesh(diameter, thickness, at, finer, path)
         text = CONFIG.format(file=path.name, young=YOUNG_PA, middle=0.5 * thickness / MM)
         robot = sf.build_robot(parse(text, Path(folder) / "pad.toml"))
+    (ball,) = robot.model.contacts
+    ball = replace(ball, surface=replace(ball.surface, near=len(ball.surface.faces)))
+    linear = plans.setdefault(finer, robot.model.linear)
+    return replace(robot, model=replace(robot.model, contacts=(ball,), linear=linear))
+
+
+def answers(robot: sf.Robot, diameter: float, thickness: float, at: float) -> np.ndarray:
+    """Force [N] of a pad of `YOUNG_PA` and change of its channel [m³] by depth and p / E (d, s, 2)."""
     table = np.empty((len(DEPTHS), len(STRETCHES), 2))
     for s, stretch in enumerate(STRETCHES):
-        state = None
-        for d, depth in enumerate(DEPTHS * CLOSED_M[diameter]):
+        state, found = None, []
+        for depth in DEPTHS * CLOSED_M[diameter]:
             press = sf.Press("ball", f"{at / MM},0,{thickness / MM}", depth_m=float(depth))
             trial = sf.Trial.of(robot, [press], pressures=[f"channel={stretch * YOUNG_PA} Pa"])
-            solution = trial.searched(state)
-            if not solution.success:
-                raise SystemExit(f"{diameter:g} mm, {depth / MM:g} mm deep: {trial.failure(solution)}")
+            solution = trial.searched(trial.rest if state is None else state)
             state, numbers = solution.state, trial.numbers(solution)
-            force = numbers["contacts"][0]["force_N"]
-            table[d, s] = force, 1e-9 * numbers["chambers"]["channel"]["volume_change_mm3"]
+            ball = numbers["contacts"][0]
+            change = 1e-9 * numbers["chambers"]["channel"]["volume_change_mm3"]
+            if solution.success or float(solution.stats.reached) > NEAR:
+                found.append((MM * ball["depth_mm"], ball["force_N"], change))
+            if not solution.success:
+                print(f"{diameter:g} mm, {depth / MM:g} mm deep: {trial.failure(solution)}", flush=True)
+                break
+        table[:, s] = by_depth(np.array(found), DEPTHS * CLOSED_M[diameter])
     print(f"{diameter:g} mm, {thickness / MM:g} mm thick, pressed at {at / MM:g} mm", flush=True)
     return table
 
 
-def tables(diameter: float, finer: int, folder: Path) -> np.ndarray:
+def by_depth(found: np.ndarray, depths: np.ndarray) -> np.ndarray:
+    """Answers (d, 2) at depths (d,) m from rows of depth and answers (n, 3), the last of which may be as deep
+    as it went: beyond, walls that do not touch have no equilibrium, and the table goes on in a line.
+    """
+    if len(found) < 3:
+        raise SystemExit(f"no equilibrium deeper than {found[-1, 0] / MM:g} mm")
+    (before, *low), (last, *high) = found[-2:]
+    slope = (np.array(high) - low) / (last - before)
+    inside = np.column_stack([np.interp(depths, found[:, 0], each) for each in found[:, 1:].T])
+    return inside + np.maximum(depths - last, 0.0)[:, None] * slope
+
+
+def tables(diameter: float, finer: int, folder: Path, plans: dict[int, Any]) -> np.ndarray:
     """`answers` of all thicknesses and places (t, x, d, s, 2), each kept in a folder."""
-    return np.array([[kept(folder, diameter, t, x, finer) for x in PLACES_M] for t in THICKNESSES_M])
+    return np.array([[kept(folder, diameter, t, x, finer, plans) for x in PLACES_M] for t in THICKNESSES_M])
 
 
-def kept(folder: Path, diameter: float, thickness: float, at: float, finer: int) -> np.ndarray:
+def kept(
+    folder: Path, diameter: float, thickness: float, at: float, finer: int, plans: dict[int, Any]
+) -> np.ndarray:
     """`answers`, from the folder where they are there for the same depths, pressures and mesh."""
     grid = np.concatenate([DEPTHS, STRETCHES, [FINE_M / finer, CELLS * finer, SIDE * finer]])
     path = folder / f"{diameter:g}mm_{thickness / MM:g}mm_{at / MM:g}mm.npz"
@@ -217,54 +247,47 @@ def kept(folder: Path, diameter: float, thickness: float, at: float, finer: int)
         with np.load(path) as found:
             if np.array_equal(found["grid"], grid):
                 return found["table"]
-    table = answers(diameter, thickness, at, finer)
+    table = answers(built(diameter, thickness, at, finer, plans), diameter, thickness, at)
     np.savez(path, grid=grid, table=table)
     return table
 
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """A pad with parameters: Young's modulus [Pa], tubes [m³], thickness [m], and depth of the zero [m]."""
+    """A pad of one diameter with the parameters (4,) that all share: ln of Young's modulus [Pa] and of the
+    tubes' volume [m³], thickness [m], and depth of the zero [m].
+    """
 
     diameter: float
-    young: float
-    tubes: float
+    theta: np.ndarray
     interpolated: RegularGridInterpolator
-    thickness: float
-    zero: float
 
     def pressed(self, at_m: float, depth_m: float) -> tuple[float, float]:
         """Gauge pressure [Pa] and force [N]."""
-        volume = np.pi / 4 * (self.diameter * MM) ** 2 * CHANNEL + self.tubes
+        (young, tubes), (thickness, zero) = np.exp(self.theta[:2]), self.theta[2:]
+        volume = np.pi / 4 * (self.diameter * MM) ** 2 * CHANNEL + tubes
+        deep = (depth_m + zero) / CLOSED_M[self.diameter]
 
         def answer(pressure: float) -> np.ndarray:
-            deep = (depth_m + self.zero) / CLOSED_M[self.diameter]
-            place = (self.thickness, abs(at_m), deep, pressure / self.young)
-            return self.interpolated(place)[0]
+            return self.interpolated((thickness, abs(at_m), deep, pressure / young))
 
         def unmet(pressure: float) -> float:
             return (ATMOSPHERE_PA + pressure) * (volume + answer(pressure)[1]) - ATMOSPHERE_PA * volume
 
         found = brentq(unmet, -5 * KPA, 20 * KPA)
-        return float(found), float(answer(found)[0] * self.young / YOUNG_PA)
+        return float(found), float(answer(found)[0] * young / YOUNG_PA)
 
     def force(self, at_m: float, pressure_Pa: float) -> float:
         """The force [N] at a place where the channel has such a pressure, from the depth that makes it."""
-        depths = np.linspace(DEPTHS[0], DEPTHS[-1], 25) * CLOSED_M[self.diameter] - self.zero
+        depths = np.linspace(DEPTHS[0], DEPTHS[-1], 25) * CLOSED_M[self.diameter] - self.theta[3]
         every = np.array([self.pressed(at_m, depth) for depth in depths])
         pressures = np.maximum.accumulate(every[:, 0]) + 1e-6 * np.arange(len(depths))
         return float(PchipInterpolator(pressures, every[:, 1])(pressure_Pa))
 
 
-START = np.array([np.log(225e3), np.log(200e-9), 6 * MM, 0.0])
+START = np.array([np.log(225e3), np.log(200e-9), 7 * MM, 0.0])
 SCALES = np.array([0.1, 0.5, 0.5 * MM, 0.1 * MM])
 """Where the fit begins, and steps of ln E, ln of the tubes' volume, thickness and zero."""
-
-
-def channel(diameter: float, theta: np.ndarray, interpolated: RegularGridInterpolator) -> Channel:
-    """A pad of one diameter with the parameters that all share."""
-    young, tubes, thickness, zero = theta
-    return Channel(diameter, float(np.exp(young)), float(np.exp(tubes)), interpolated, thickness, zero)
 
 
 class Ranges(NamedTuple):
@@ -279,7 +302,7 @@ def fitted(presses: Sequence[Press], at: dict[float, RegularGridInterpolator], r
 
     def misfits(scaled: np.ndarray) -> np.ndarray:
         theta = START + SCALES * scaled
-        pads = {diameter: channel(diameter, theta, each) for diameter, each in at.items()}
+        pads = {diameter: Channel(diameter, theta, each) for diameter, each in at.items()}
         left = []
         for press in presses:
             pressure, force = pads[press.diameter].pressed(press.at_m, press.depth_m)
@@ -287,8 +310,8 @@ def fitted(presses: Sequence[Press], at: dict[float, RegularGridInterpolator], r
             left += [(pressure - press.pressure_Pa) / of.pressure, (force - press.force_N) / of.force]
         return np.array(left)
 
-    low = np.array([-5.0, -6.0, (THICKNESSES_M[0] - 6 * MM) / SCALES[2], -3.0])
-    high = np.array([5.0, 6.0, (THICKNESSES_M[-1] - 6 * MM) / SCALES[2], 1.5])
+    low = np.array([-5.0, -6.0, (THICKNESSES_M[0] - START[2]) / SCALES[2], -3.0])
+    high = np.array([5.0, 6.0, (THICKNESSES_M[-1] - START[2]) / SCALES[2], 1.5])
     return START + SCALES * least_squares(misfits, np.zeros(4), bounds=(low, high)).x
 
 
@@ -314,7 +337,7 @@ def numbers(rows: Sequence[tuple[Press, float, float, float]], ranges: dict[floa
 
 def predicted(presses: Sequence[Press], theta: np.ndarray, at: dict[float, RegularGridInterpolator]):
     """Each press with its predicted pressure, force by depth and force by pressure."""
-    pads = {diameter: channel(diameter, theta, each) for diameter, each in at.items()}
+    pads = {diameter: Channel(diameter, theta, each) for diameter, each in at.items()}
     rows = []
     for press in presses:
         pad = pads[press.diameter]
@@ -342,10 +365,10 @@ def main() -> None:
     with TemporaryDirectory() as temporary:
         folder = given.tables or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        grid = (THICKNESSES_M, PLACES_M, DEPTHS, STRETCHES)
+        grid, plans = (THICKNESSES_M, PLACES_M, DEPTHS, STRETCHES), {}
         at = {
             each: RegularGridInterpolator(
-                grid, tables(each, given.finer, folder), bounds_error=False, fill_value=None
+                grid, tables(each, given.finer, folder, plans), bounds_error=False, fill_value=None
             )
             for each in diameters
         }
