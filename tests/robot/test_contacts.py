@@ -11,6 +11,8 @@ import pytest
 from softfuse.errors import ConfigError, SoftfuseError
 from softfuse.estimation.bounds import limits_of
 from softfuse.estimation.step import Observation, exact_steps
+from softfuse.estimation.tracked import Frame
+from softfuse.estimation.tracker import Tracker
 from softfuse.functional.chart import facing
 from softfuse.functional.pressure_cells import even, strip
 from softfuse.functional.skin import Skin
@@ -65,6 +67,8 @@ type = "marker"
 point = "near"
 channels = ["a", "b", "c"]
 unit = "mm"
+noise = "0.01 mm"
+offset_sigma = "0.01 mm"
 
 [[sensor]]
 name = "far marker"
@@ -72,6 +76,8 @@ type = "marker"
 point = "far"
 channels = ["d", "e", "f"]
 unit = "mm"
+noise = "0.01 mm"
+offset_sigma = "0.01 mm"
 """
 
 FLAT = 'direction = [0, 0, -1]\nworkspace = { x = ["-6 mm", "6 mm"], y = ["-6 mm", "6 mm"] }'
@@ -214,6 +220,27 @@ def test_forces_are_estimated_from_markers(build: Build, model: str, true: list[
         return exact_steps(model, limits, model.rest_state(places), seen, steps=12)[0].drive
 
     np.testing.assert_allclose(found(robot.model, limits_of(robot), jnp.array(true)), true, rtol=1e-4)
+
+
+def _markers(robot: Robot, force_N: float) -> np.ndarray:
+    """Where both points are (6,) [mm] under a press."""
+    trial = Trial.of(robot, [Press(None, "2,-1", force_N)])
+    return np.concatenate(list(trial.numbers(trial.solved())["points_mm"].values()))
+
+
+@pytest.mark.slow
+def test_a_press_on_a_robot_as_drawn_is_noticed_by_markers_alone(build: Build) -> None:
+    """Nobody has said how wrong its model is, and no sensor sees contacts."""
+    robot = build(PATCH + FLAT)
+    rest, pressed = (_markers(robot, force) for force in (1e-6, 1.0))
+    tracker, rng = Tracker(robot), np.random.default_rng(1)
+    rows = [
+        tracker.update(Frame(0.1 * k, (pressed if 20 <= k < 30 else rest) + rng.normal(0, 0.01, len(rest))))
+        for k in range(50)
+    ]
+    touching = np.array([row.touching[0] for row in rows])
+    assert not touching[:20].any() and touching[24:30].all() and not touching[40:].any()
+    assert abs(rows[29].force_N - 1.0) < 2.6 * rows[29].force_sigma_N < 1.3
 
 
 @pytest.mark.parametrize(
