@@ -33,6 +33,7 @@ from scipy.interpolate import PchipInterpolator, RegularGridInterpolator
 from scipy.optimize import brentq, least_squares
 
 import softfuse as sf
+from softfuse.mechanics.linear_solver import AbstractLinearSolver
 from softfuse.mesh.files import write_mesh
 from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.orientation import oriented
@@ -183,21 +184,6 @@ def mesh(diameter: float, thickness: float, at: float, finer: int, path: Path) -
     write_mesh(path, tet_mesh(np.where(wall[:, None], rounded(straight.nodes), chords.nodes), straight.tets))
 
 
-def built(diameter: float, thickness: float, at: float, finer: int, plans: dict[int, Any]) -> sf.Robot:
-    """A pad of `YOUNG_PA`, eliminated as the first one that is as fine, with all faces near its press: one
-    compiled program solves all of them.
-    """
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / "pad.vtu"
-        mesh(diameter, thickness, at, finer, path)
-        text = CONFIG.format(file=path.name, young=YOUNG_PA, middle=0.5 * thickness / MM)
-        robot = sf.build_robot(parse(text, Path(folder) / "pad.toml"))
-    (ball,) = robot.model.contacts
-    ball = replace(ball, surface=replace(ball.surface, near=len(ball.surface.faces)))
-    linear = plans.setdefault(finer, robot.model.linear)
-    return replace(robot, model=replace(robot.model, contacts=(ball,), linear=linear))
-
-
 def answers(robot: sf.Robot, diameter: float, thickness: float, at: float) -> np.ndarray:
     """Force [N] of a pad of `YOUNG_PA` and change of its channel [m³] by depth and p / E (d, s, 2)."""
     table = np.empty((len(DEPTHS), len(STRETCHES), 2))
@@ -206,6 +192,7 @@ def answers(robot: sf.Robot, diameter: float, thickness: float, at: float) -> np
         for depth in DEPTHS * CLOSED_M[diameter]:
             press = sf.Press("ball", f"{at / MM},0,{thickness / MM}", depth_m=float(depth))
             trial = sf.Trial.of(robot, [press], pressures=[f"channel={stretch * YOUNG_PA} Pa"])
+            # From None another program would be compiled.
             solution = trial.searched(trial.rest if state is None else state)
             state, numbers = solution.state, trial.numbers(solution)
             ball = numbers["contacts"][0]
@@ -225,31 +212,50 @@ def by_depth(found: np.ndarray, depths: np.ndarray) -> np.ndarray:
     as it went: beyond, walls that do not touch have no equilibrium, and the table goes on in a line.
     """
     if len(found) < 3:
-        raise SystemExit(f"no equilibrium deeper than {found[-1, 0] / MM:g} mm")
+        raise SystemExit("too few depths have an equilibrium")
     (before, *low), (last, *high) = found[-2:]
     slope = (np.array(high) - low) / (last - before)
     inside = np.column_stack([np.interp(depths, found[:, 0], each) for each in found[:, 1:].T])
     return inside + np.maximum(depths - last, 0.0)[:, None] * slope
 
 
-def tables(diameter: float, finer: int, folder: Path, plans: dict[int, Any]) -> np.ndarray:
-    """`answers` of all thicknesses and places (t, x, d, s, 2), each kept in a folder."""
-    return np.array([[kept(folder, diameter, t, x, finer, plans) for x in PLACES_M] for t in THICKNESSES_M])
+@dataclass
+class Pads:
+    """Pads of `YOUNG_PA`, so many times finer than as drawn, with answers that are kept in a folder. All are
+    eliminated like the first and count all faces near a press: one compiled program solves them.
+    """
 
+    finer: int
+    folder: Path
+    linear: AbstractLinearSolver | None = None
 
-def kept(
-    folder: Path, diameter: float, thickness: float, at: float, finer: int, plans: dict[int, Any]
-) -> np.ndarray:
-    """`answers`, from the folder where they are there for the same depths, pressures and mesh."""
-    grid = np.concatenate([DEPTHS, STRETCHES, [FINE_M / finer, CELLS * finer, SIDE * finer]])
-    path = folder / f"{diameter:g}mm_{thickness / MM:g}mm_{at / MM:g}mm.npz"
-    if path.exists():
-        with np.load(path) as found:
-            if np.array_equal(found["grid"], grid):
-                return found["table"]
-    table = answers(built(diameter, thickness, at, finer, plans), diameter, thickness, at)
-    np.savez(path, grid=grid, table=table)
-    return table
+    def built(self, diameter: float, thickness: float, at: float) -> sf.Robot:
+        """A pad with a mesh for presses at a place."""
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "pad.vtu"
+            mesh(diameter, thickness, at, self.finer, path)
+            text = CONFIG.format(file=path.name, young=YOUNG_PA, middle=0.5 * thickness / MM)
+            robot = sf.build_robot(parse(text, Path(folder) / "pad.toml"))
+        (ball,) = robot.model.contacts
+        ball = replace(ball, surface=replace(ball.surface, near=len(ball.surface.faces)))
+        self.linear = self.linear or robot.model.linear
+        return replace(robot, model=replace(robot.model, contacts=(ball,), linear=self.linear))
+
+    def tables(self, diameter: float) -> np.ndarray:
+        """`answers` of all thicknesses and places (t, x, d, s, 2)."""
+        return np.array([[self.kept(diameter, t, x) for x in PLACES_M] for t in THICKNESSES_M])
+
+    def kept(self, diameter: float, thickness: float, at: float) -> np.ndarray:
+        """`answers`, from the folder where they are there for the same depths, pressures and mesh."""
+        grid = np.array([*DEPTHS, *STRETCHES, FINE_M / self.finer, CELLS * self.finer, SIDE * self.finer])
+        path = self.folder / f"{diameter:g}mm_{thickness / MM:g}mm_{at / MM:g}mm.npz"
+        if path.exists():
+            with np.load(path) as found:
+                if np.array_equal(found["grid"], grid):
+                    return found["table"]
+        table = answers(self.built(diameter, thickness, at), diameter, thickness, at)
+        np.savez(path, grid=grid, table=table)
+        return table
 
 
 @dataclass(frozen=True, eq=False)
@@ -338,21 +344,18 @@ def numbers(rows: Sequence[tuple[Press, float, float, float]], ranges: dict[floa
 def predicted(presses: Sequence[Press], theta: np.ndarray, at: dict[float, RegularGridInterpolator]):
     """Each press with its predicted pressure, force by depth and force by pressure."""
     pads = {diameter: Channel(diameter, theta, each) for diameter, each in at.items()}
-    rows = []
-    for press in presses:
-        pad = pads[press.diameter]
-        by_depth = pad.pressed(press.at_m, press.depth_m)
-        rows.append((press, *by_depth, pad.force(press.at_m, press.pressure_Pa)))
-    return rows
+    return [
+        (p, *pads[p.diameter].pressed(p.at_m, p.depth_m), pads[p.diameter].force(p.at_m, p.pressure_Pa))
+        for p in presses
+    ]
 
 
 def main() -> None:
     """Compute the tables, fit, predict, compare."""
     sf.prepare_jax()
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--fit", type=Path, required=True)
-    parser.add_argument("--test", type=Path, required=True)
-    parser.add_argument("--json", type=Path, required=True)
+    for name in ("--fit", "--test", "--json"):
+        parser.add_argument(name, type=Path, required=True)
     parser.add_argument("--tables", type=Path)
     parser.add_argument("--finer", type=int, default=1, help="times that the mesh is finer")
     given = parser.parse_args()
@@ -365,11 +368,9 @@ def main() -> None:
     with TemporaryDirectory() as temporary:
         folder = given.tables or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        grid, plans = (THICKNESSES_M, PLACES_M, DEPTHS, STRETCHES), {}
+        grid, pads = (THICKNESSES_M, PLACES_M, DEPTHS, STRETCHES), Pads(given.finer, folder)
         at = {
-            each: RegularGridInterpolator(
-                grid, tables(each, given.finer, folder, plans), bounds_error=False, fill_value=None
-            )
+            each: RegularGridInterpolator(grid, pads.tables(each), bounds_error=False, fill_value=None)
             for each in diameters
         }
     fit_to, tests = ([press for press in each if press.open] for each in (fit_to, tests))
