@@ -11,7 +11,7 @@ from pathlib import Path
 from packaging.version import Version
 
 # Programs run once or twice here: without its newer emitters XLA compiles them in three quarters of the time.
-# Later ones have no others, and an option that XLA does not know ends the process without a word.
+# Later ones do not know the option, which ends the process without a word.
 if Version(metadata.version("jaxlib")) < Version("0.11"):
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
 

@@ -249,7 +249,8 @@ class Tracker:
         if search is not None and search.sought:
             places = search.taken(seen)
         error, sigma = self._model_error(seen), np.asarray(now.sigma)
-        uncertain = error.covariance(np.where(valid, reading, 0.0), sigma, places, self._force_N)
+        known = np.where(valid, reading, 0.0)
+        uncertain = error.covariance(known, sigma, places, self._force_N)
         self._unseen.read(reading, valid, sigma, error, uncertain)
         if search is not None:
             lone = seen.pressing.sum() == 1 and bool((seen.pressing & seen.unseen).any())
@@ -299,13 +300,7 @@ class Tracker:
             covariance[at, at] = placed.variance_m2[unmoved]
         evidence = None
         if now.drift is not None and not seen.unseen.any():
-            unchanged = lasting(
-                self.settings.model_error,
-                np.where(valid, reading, 0.0),
-                sigma,
-                places,
-                self._force_N,
-            )
+            unchanged = lasting(self.settings.model_error, known, sigma, places, self._force_N)
             acting = np.asarray(limits.upper > limits.lower)
             evidence = Evidence(
                 misfit,
