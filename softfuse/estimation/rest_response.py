@@ -17,16 +17,28 @@ from dataclasses import replace
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from softfuse.functional.chart import moved
 from softfuse.mechanics.interface import slopes
 from softfuse.mechanics.linear_solver import Solve
-from softfuse.mechanics.linearised import Coupled, coupled, linearise, settled_on, unbalanced
+from softfuse.mechanics.linearised import (
+    Coupled,
+    Linearised,
+    coupled,
+    linearise,
+    settled_on,
+    touched,
+    unbalanced,
+)
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model
 from softfuse.mechanics.newton import tangent_at
 from softfuse.mechanics.solution import State
+
+_COLUMNS = 64
+"""Right-hand sides that are solved for at once."""
 
 
 class RestResponse(eqx.Module):
@@ -93,22 +105,28 @@ class Press(eqx.Module):
     def at(cls, model: Model, still: Model, inverse: Solve, place: Array, held: State) -> "Press":
         """On a robot in the state `held`; `still`: the same without derivatives, `inverse`: K⁻¹ there."""
         loads = still.loads(place[None])
-        begun = zip(loads.parts[0].start(), (held.force, held.internal, held.drive), strict=True)
-        rest = State(held.z, *(jnp.concatenate(each) for each in begun))
-        linear = linearise(still.body, loads, inverse, rest)
+        rest = _begun(loads, held)
+        return cls.on(model, place, rest, linearise(still.body, loads, inverse, rest), inverse)
+
+    @classmethod
+    def on(cls, model: Model, place: Array, rest: State, linear: Linearised, inverse: Solve) -> "Press":
+        """On a body linearised at the state `rest`, in which nothing presses yet."""
+        loads = linear.held.loads
         settled, y = settled_on(linear, rest)
         slope = slopes(linear.held, (settled.force, settled.internal), y, rest.drive)
-        state = State(held.z + linear.step(settled.force), settled.force, settled.internal, rest.drive)
+        state = State(rest.z + linear.step(settled.force), settled.force, settled.internal, rest.drive)
         return cls(model, place, state, coupled(loads, linear, slope), loads.supports, inverse)
+
+    def value(self) -> State:
+        """ẏ per newton, without derivatives in the robot."""
+        kind = self.model.contacts[0]
+        press = jnp.zeros_like(self.state.drive).at[: kind.drives].set(kind.shares)
+        along = self._solved(jnp.zeros_like(self.state.z), -self.system.slope.drive @ press)
+        return State(along.z, along.force, along.internal, press)
 
     def answer(self) -> State:
         """ẏ per newton."""
-        kind = self.model.contacts[0]
-        press = jnp.zeros_like(self.state.drive).at[: kind.drives].set(kind.shares)
-        none = jnp.zeros_like(self.state.z)
-        begun = self._solved(none, -self.system.slope.drive @ press)
-        begun = State(begun.z, begun.force, begun.internal, press)
-        return self._mended(begun, lambda y: self._balance(self.place, y))
+        return self._mended(self.value(), lambda y: self._balance(self.place, y))
 
     def moved(self, answer: State, axis: Float[Array, "2"]) -> State:
         """∂ẏ/∂p along an axis (2,) in the tangents."""
@@ -161,29 +179,60 @@ class Press(eqx.Module):
         return State(dz, force, dx[q:], jnp.zeros_like(self.state.drive))
 
 
+def _begun(loads: Loads, held: State) -> State:
+    """A contact, the first of the loads, on a robot in the state `held`, before it presses."""
+    begun = zip(loads.parts[0].start(), (held.force, held.internal, held.drive), strict=True)
+    return State(held.z, *(jnp.concatenate(each) for each in begun))
+
+
 @eqx.filter_jit
 def push_response(
     model: Model, places: Float[Array, "s 3 3"], state: State, slot: int = 0
 ) -> Float[Array, "s k"]:
     """Readings per newton (s, k) [SI/N] of what the contact `slot` is, at places (s, 3, 3), each alone on the
-    robot as its actuators hold it in a state.
+    robot as its actuators hold it in a state; without derivatives in the robot.
+
+    Places are solved for in blocks, and only for their own ports: the actuators' are the same for all.
     """
-    loads = Loads(model.actuators)
-    sizes = loads.sizes
-    own = (
-        each[each.shape[0] - count :]
-        for each, count in (
-            (state.force, sizes.forces),
-            (state.internal, sizes.internal),
-            (state.drive, sizes.drives),
-        )
+    body, attached = model.body, Loads(model.actuators)
+    held = _attached(attached, state)
+    inverse = tangent_at(model.linear, body, attached, held)
+    untouched = linearise(body, attached, inverse, held)
+    kind = model.kinds(slot + 1)[slot]
+    alone = replace(model, contacts=(kind,), slots=())
+
+    def rows(place):
+        return Loads((kind.load(body, place),)).rows(body, held.z)
+
+    def one(given):
+        place, row, response = given
+        loads = alone.loads(place[None])
+        rest = _begun(loads, held)
+        linear = touched(body, loads, rest, untouched, row, response)
+        press = Press.on(alone, place, rest, linear, inverse)
+        return press.felt(press.value()).by_force
+
+    carrying = Loads((kind.load(body, places[0]),)).carrying
+    count = max(1, _COLUMNS // len(carrying))
+
+    def block(places):
+        each = jax.lax.map(rows, places)
+        pushed = jnp.moveaxis(each[:, :, carrying], 0, 1)
+        response = inverse(pushed.reshape(body.n, -1)).reshape(pushed.shape)
+        return jax.lax.map(one, (places, each, jnp.moveaxis(response, 1, 0)))
+
+    s = len(places)
+    number = np.minimum(np.arange(-(-s // count) * count), s - 1).reshape(-1, count)
+    found = jax.lax.map(block, places[number])
+    return found.reshape(-1, found.shape[-1])[:s]
+
+
+def _attached(attached: Loads, state: State) -> State:
+    """What of a state, in which contacts come first, is the body's and that of what is attached."""
+    sizes = attached.sizes
+    each = (
+        (state.force, sizes.forces),
+        (state.internal, sizes.internal),
+        (state.drive, sizes.drives),
     )
-    held = State(state.z, *own)
-    inverse = tangent_at(model.linear, model.body, loads, held)
-    alone = replace(model, contacts=(model.kinds(slot + 1)[slot],), slots=())
-
-    def one(place):
-        press = Press.at(alone, alone, inverse, place, held)
-        return press.felt(press.answer()).by_force
-
-    return jax.lax.map(one, places)
+    return State(state.z, *(vector[len(vector) - count :] for vector, count in each))

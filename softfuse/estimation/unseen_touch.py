@@ -13,6 +13,7 @@ Unexplained is what is read minus what the model would read if nothing pressed: 
 does that is its reading, later the same and what actuators have added since.
 """
 
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -138,12 +139,17 @@ class TouchByReadings:
         """Forget the past."""
         self.touching, self._frames = False, 0
 
-    def begins(self, fit: PatternFit, untouched: float) -> bool:
-        """Whether it touches after a frame in which nothing did, with what presses all over would explain and
-        the χ² of an `untouched` robot.
+    def begins(self, fit: Callable[[], PatternFit], untouched: float) -> bool:
+        """Whether it touches after a frame in which nothing did, with the χ² of an `untouched` robot and what
+        presses all over would explain: that is only asked for where it matters.
         """
-        left = fit.missing[fit.best]
-        told = untouched - left > self._settings.on_chi2 and left < self._settings.left * fit.unexplained
+        told = untouched > self._settings.on_chi2
+        if told:
+            found = fit()
+            left = found.missing[found.best]
+            told = (
+                untouched - left > self._settings.on_chi2 and left < self._settings.left * found.unexplained
+            )
         return self._counted(told, self._settings.on_frames)
 
     def ends(self, force_N: float, sigma_N: float) -> bool:
@@ -282,4 +288,4 @@ class UnseenTouch:
             # If nothing presses, the model is wrong about what actuators do only.
             white = whitening(self._error.without_contacts(self._unpressed, self._sigma), valid)
             left = white @ np.where(valid, self._unexplained, 0.0)
-            self._touch.begins(self.fit(fresh=not pressed), float(left @ left))
+            self._touch.begins(lambda: self.fit(fresh=not pressed), float(left @ left))

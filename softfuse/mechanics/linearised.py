@@ -103,6 +103,38 @@ def linearise_beside(
     return linear, solved[:, :c]
 
 
+def touched(
+    body: AbstractBody,
+    loads: Loads,
+    state: State,
+    untouched: Linearised,
+    rows: Float[Array, "n p"],
+    response: Float[Array, "n q"],
+) -> Linearised:
+    """The body and loads linearised at a state: those of an `untouched` body and before them a contact
+    without force, of which `rows` (n, p) and `response` (n, q) are known. Nothing is solved for.
+    """
+    at = loads.values(body, state.z)
+    compliance = jnp.block(
+        [
+            [rows.T @ response, rows.T @ untouched.response],
+            [untouched.rows.T @ response, untouched.compliance],
+        ]
+    )
+    relaxed = untouched.relaxed
+    all_rows = jnp.concatenate([rows, untouched.rows], axis=1)
+    return Linearised(
+        HeldLoads(loads, at),
+        state.force,
+        untouched.unbalanced,
+        all_rows,
+        jnp.concatenate([response, untouched.response], axis=1),
+        relaxed,
+        at + all_rows.T @ relaxed - compliance @ state.force,
+        compliance,
+    )
+
+
 def settled_on(linear: Linearised, state: State) -> tuple[Settled, Float[Array, " P"]]:
     """Forces f̃ and internal unknowns that obey the loads' laws on the linearised body, at a state's drives
     and searched from its unknowns; and the ports' values y (P,) under them.
