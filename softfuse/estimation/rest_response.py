@@ -185,7 +185,6 @@ def _begun(loads: Loads, held: State) -> State:
     return State(held.z, *(jnp.concatenate(each) for each in begun))
 
 
-@eqx.filter_jit
 def push_response(
     model: Model, places: Float[Array, "s 3 3"], state: State, slot: int = 0
 ) -> Float[Array, "s k"]:
@@ -194,12 +193,16 @@ def push_response(
 
     Places are solved for in blocks, and only for their own ports: the actuators' are the same for all.
     """
-    body, attached = model.body, Loads(model.actuators)
-    held = _attached(attached, state)
-    inverse = tangent_at(model.linear, body, attached, held)
+    alone = replace(model, contacts=(model.kinds(slot + 1)[slot],), slots=())
+    return _pushed(alone, places, _attached(Loads(model.actuators), state))
+
+
+@eqx.filter_jit
+def _pushed(alone: Model, places: Float[Array, "s 3 3"], held: State) -> Float[Array, "s k"]:
+    """Of a model with one kind of contact, and none in the state `held`."""
+    body, attached, (kind,) = alone.body, Loads(alone.actuators), alone.contacts
+    inverse = tangent_at(alone.linear, body, attached, held)
     untouched = linearise(body, attached, inverse, held)
-    kind = model.kinds(slot + 1)[slot]
-    alone = replace(model, contacts=(kind,), slots=())
 
     def rows(place):
         return Loads((kind.load(body, place),)).rows(body, held.z)

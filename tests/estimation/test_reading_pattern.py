@@ -1,6 +1,6 @@
 """Readings point to where presses explain them: by the pattern of small pushes all over a surface."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -70,6 +70,26 @@ def test_the_pattern_is_that_of_the_shape_that_the_robot_has(patched: Model, pat
     found = pushed(model, np.asarray(place), state)[0]
     np.testing.assert_allclose(found, compliance(model, place, drive)[:, 0], rtol=1e-5)
     assert np.abs(found / pattern.slope[2] - 1).max() > 0.05
+
+
+def test_patterns_of_all_states_have_one_program(patched: Model, pattern: Pattern) -> None:
+    """Live, another one would hold up frames for as long as it takes to compile."""
+    traced = []
+
+    class Traced(SurfacePatches):
+        def load(self, body, place):
+            traced.append(place)
+            return super().load(body, place)
+
+    (patch,) = patched.contacts
+    model = replace(patched, contacts=(Traced(*(getattr(patch, each.name) for each in fields(patch))),))
+    places = jnp.asarray(pattern.place)
+    untouched, touched = model.rest_state(()), model.rest_state(places[:2])
+    traced.clear()
+    found = push_response(model, places, untouched)
+    once = len(traced)
+    np.testing.assert_array_equal(push_response(model, places, touched), found)
+    assert len(traced) == once > 0
 
 
 def test_a_search_begins_anew_only_where_readings_say_so_clearly(pattern: Pattern) -> None:

@@ -270,6 +270,11 @@ def test_what_does_not_go_together_is_told(build: Build, contact: str, told: str
     assert told in str(caught.value)
 
 
+def test_a_contact_that_nothing_could_find_is_told(build: Build) -> None:
+    with pytest.raises(ConfigError, match='contact "thing": no sensor sees it, and it has no surface'):
+        Tracker(build(PUNCH))
+
+
 def test_presses_that_do_not_go_together_are_told(build: Build) -> None:
     patch, punch, anywhere = build(PATCH + ANYWHERE), build(PUNCH + FLAT), build(PUNCH + ANYWHERE)
     for robot, press, told in (
