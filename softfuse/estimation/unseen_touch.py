@@ -116,8 +116,9 @@ class TouchSettings:
     It begins when a press somewhere on the surface explains the readings better than none by more than
     `on_chi2`, in `on_frames` frames in a row, and leaves less than `left` of what nothing had explained: what
     no press explains is the model's error, not a touch. However large the readings are, if nothing presses
-    the model can only be wrong about what actuators do. It ends when its force has been within `off_sigma`
-    standard deviations of 0 for `off_frames` frames.
+    the model can only be wrong about what actuators do. It ends when for `off_frames` frames its force has
+    been within `off_sigma` standard deviations of 0, and none would have begun: where it presses may be so
+    uncertain that its force is, too, while nothing but a press explains the readings.
     """
 
     on_chi2: float = 36.0
@@ -143,19 +144,22 @@ class TouchByReadings:
         """Whether it touches after a frame in which nothing did, with the χ² of an `untouched` robot and what
         presses all over would explain: that is only asked for where it matters.
         """
-        told = untouched > self._settings.on_chi2
-        if told:
-            found = fit()
-            left = found.missing[found.best]
-            told = (
-                untouched - left > self._settings.on_chi2 and left < self._settings.left * found.unexplained
-            )
-        return self._counted(told, self._settings.on_frames)
+        return self._counted(self._noticed(fit, untouched), self._settings.on_frames)
 
-    def ends(self, force_N: float, sigma_N: float) -> bool:
-        """Whether it has gone after a frame in which it pressed with such a force, so surely known."""
-        gone = not force_N > self._settings.off_sigma * sigma_N
+    def ends(self, force_N: float, sigma_N: float, fit: Callable[[], PatternFit], untouched: float) -> bool:
+        """Whether it has gone after a frame in which it pressed with such a force, so surely known, and with
+        the same as where one `begins`.
+        """
+        gone = not force_N > self._settings.off_sigma * sigma_N and not self._noticed(fit, untouched)
         return not self._counted(gone, self._settings.off_frames)
+
+    def _noticed(self, fit: Callable[[], PatternFit], untouched: float) -> bool:
+        """Whether readings tell that something presses."""
+        if not untouched > self._settings.on_chi2:
+            return False
+        found = fit()
+        left = found.missing[found.best]
+        return untouched - left > self._settings.on_chi2 and left < self._settings.left * found.unexplained
 
     def _counted(self, changes: bool, frames: int) -> bool:
         self._frames = self._frames + 1 if changes else 0
@@ -282,10 +286,18 @@ class UnseenTouch:
         """Whether it has begun or gone after a frame in which it pressed so hard, so surely known; `seen`:
         something that does see it says so, `pressed`: anything did press.
         """
-        if self._touch.touching:
-            self._touch.ends(force_N, sigma_N)
-        elif not seen and (valid := np.isfinite(self._unexplained)).any():
-            # If nothing presses, the model is wrong about what actuators do only.
-            white = whitening(self._error.without_contacts(self._unpressed, self._sigma), valid)
-            left = white @ np.where(valid, self._unexplained, 0.0)
-            self._touch.begins(lambda: self.fit(fresh=not pressed), float(left @ left))
+        touching = self._touch.touching
+        if not touching and (seen or not np.isfinite(self._unexplained).any()):
+            return
+        given = lambda: self.fit(fresh=not pressed), self._untouched()
+        if touching:
+            self._touch.ends(force_N, sigma_N, *given)
+        else:
+            self._touch.begins(*given)
+
+    def _untouched(self) -> float:
+        """χ² of what was read if nothing presses: the model is wrong about what actuators do only."""
+        valid = np.isfinite(self._unexplained)
+        white = whitening(self._error.without_contacts(self._unpressed, self._sigma), valid)
+        left = white @ np.where(valid, self._unexplained, 0.0)
+        return float(left @ left)

@@ -136,6 +136,10 @@ def begins(follows: TouchByReadings, fit: PatternFit) -> bool:
     return follows.begins(lambda: fit, fit.unexplained)
 
 
+def ends(follows: TouchByReadings, force_N: float, fit: PatternFit) -> bool:
+    return follows.ends(force_N, 0.2, lambda: fit, fit.unexplained)
+
+
 def test_a_touch_begins_and_ends_by_readings_alone(pattern: Pattern) -> None:
     follows, told = TouchByReadings(), fit_of(pattern, 4.0 * pattern.slope[7])
     # Chance says it once, and not three times in a row.
@@ -144,9 +148,11 @@ def test_a_touch_begins_and_ends_by_readings_alone(pattern: Pattern) -> None:
     assert begins(follows, told) and follows.touching
     # Where nothing is to be explained, presses all over are not asked for.
     assert TouchByReadings().begins(pytest.fail, nothing.unexplained) is False
-    assert not follows.ends(0.1, 0.2) and not follows.ends(2.0, 0.2)
+    assert not ends(follows, 0.1, nothing) and not ends(follows, 2.0, nothing)
     frames = TouchSettings().off_frames
-    assert [follows.ends(0.1, 0.2) for _ in range(frames)] == [False] * (frames - 1) + [True]
+    # Readings that nothing but a press explains hold it, however unsure its force is.
+    assert not any(ends(follows, 0.1, told) for _ in range(2 * frames))
+    assert [ends(follows, 0.1, nothing) for _ in range(frames)] == [False] * (frames - 1) + [True]
     assert not follows.touching
 
 
@@ -168,4 +174,4 @@ def test_what_no_press_explains_is_no_touch(pattern: Pattern) -> None:
     # A force that is lost is not known to press on.
     follows.touching = True
     frames = TouchSettings().off_frames
-    assert [follows.ends(np.nan, np.nan) for _ in range(frames)][-1]
+    assert [ends(follows, np.nan, swollen) for _ in range(frames)][-1]
