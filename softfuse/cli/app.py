@@ -4,54 +4,55 @@ Exit codes: 0 done, 1 a fault of softfuse itself, 2 a mistake in what the user g
 """
 
 import logging
+import sys
 from collections.abc import Sequence
+from importlib import import_module
 from importlib.metadata import version
 from typing import Annotated, NoReturn
 
 import typer
 from rich.logging import RichHandler
 
-from softfuse.cli.calibrate import calibrate
-from softfuse.cli.convert import convert
-from softfuse.cli.design import design
-from softfuse.cli.doctor import doctor
-from softfuse.cli.estimate import estimate
-from softfuse.cli.evaluate import evaluate
-from softfuse.cli.mesh import mesh
-from softfuse.cli.observe import observe
-from softfuse.cli.record_virtual import record_virtual
-from softfuse.cli.reduce import reduce
-from softfuse.cli.replay import replay
-from softfuse.cli.run import run
-from softfuse.cli.simulate import simulate
-from softfuse.cli.sweep import sweep
 from softfuse.cli.terminal import escape_log, say, stderr
-from softfuse.cli.testbed import testbed
-from softfuse.cli.virtual_device import virtual_device
 from softfuse.computing.prepare import prepare_jax
 from softfuse.errors import SoftfuseError
 
-app = typer.Typer(
-    help="Estimates where, how hard and into what shape a soft robot is being pushed.",
-    no_args_is_help=True,
-    pretty_exceptions_show_locals=False,
+_COMMANDS = (
+    "mesh",
+    "reduce",
+    "simulate",
+    "sweep",
+    "estimate",
+    "calibrate",
+    "observe",
+    "design",
+    "evaluate",
+    "run",
+    "replay",
+    "convert",
+    "record-virtual",
+    "virtual-device",
+    "testbed",
+    "doctor",
 )
-app.command()(mesh)
-app.command()(reduce)
-app.command()(simulate)
-app.command()(sweep)
-app.command()(estimate)
-app.command()(calibrate)
-app.command()(observe)
-app.command()(design)
-app.command()(evaluate)
-app.command()(run)
-app.command()(replay)
-app.command()(convert)
-app.command()(record_virtual)
-app.command()(virtual_device)
-app.command()(testbed)
-app.command()(doctor)
+"""Each a function of a module of its own here, called like it."""
+
+
+def app_for(arguments: Sequence[str]) -> typer.Typer:
+    """With the one command that the arguments name, as what the others need takes seconds to import; with all
+    where they name none.
+    """
+    app = typer.Typer(
+        help="Estimates where, how hard and into what shape a soft robot is being pushed.",
+        no_args_is_help=True,
+        pretty_exceptions_show_locals=False,
+    )
+    app.callback()(_prepare)
+    named = [name for name in _COMMANDS if name in arguments[:1]]
+    for name in named or _COMMANDS:
+        called = name.replace("-", "_")
+        app.command(name)(getattr(import_module(f"softfuse.cli.{called}"), called))
+    return app
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -60,7 +61,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     Raises SystemExit with the exit code.
     """
     try:
-        app(arguments)
+        given = sys.argv[1:] if arguments is None else list(arguments)
+        app_for(given)(given)
     except SoftfuseError as error:
         _tell(str(error))
     except OSError as error:
@@ -79,7 +81,6 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _prepare(
     _: Annotated[
         bool,

@@ -39,7 +39,7 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
             raise ConfigError("a.toml: body[0]: wrong [red]\na.toml: " + 30 * "long " + "end")
         raise RuntimeError(kind)
 
-    monkeypatch.setattr(application, "app", app)
+    monkeypatch.setattr(application, "app_for", lambda arguments: app)
     return monkeypatch
 
 
@@ -79,8 +79,15 @@ def test_help_and_version(code_of: Callable[..., int], capsys: pytest.CaptureFix
     assert re.fullmatch(r"softfuse \d+\.\d+\.\d+\n", capsys.readouterr().out)
 
 
+def test_a_command_imports_what_it_needs_itself() -> None:
+    """What all of them need takes seconds."""
+    code = "import sys; from softfuse.cli.app import app_for; app_for(['mesh']); print(*sys.modules)"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "softfuse.cli.mesh" in found.split() and "softfuse.cli.simulate" not in found.split()
+
+
 def test_no_help_loses_what_is_in_brackets() -> None:
-    command = get_command(application.app)
+    command = get_command(application.app_for([]))
     assert isinstance(command, TyperGroup)
     helps = [getattr(option, "help", None) for one in command.commands.values() for option in one.params]
     helps += [one.help for one in (command, *command.commands.values())]

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from functools import cache
 
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Process:
 @cache
 def _largest(chance: float, numbers: int) -> float:
     """The sum of so many squared standard normal numbers that is exceeded by such a chance."""
-    return float(chi2.isf(chance, numbers))
+    return float(chdtri(numbers, chance))
 
 
 DEFAULT_PROCESS = Process()
