@@ -25,13 +25,13 @@ def sweep(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Simulate a robot under many contacts, forces, cables and moduli; goes on where it stopped."""
+    """Simulate a robot under many contacts, forces, actuators and moduli; goes on where it stopped."""
     processes = Workers(scheduler, workers)
     text = file_text(config)
     settings, planned = parse(text, config), load_plan(plan)
     chunks = chunks_of(text, settings, planned)
     identity = {"plan": digest(planned), "config": digest(settings)}
-    folder = SweepFolder(out, identity, chunks[0].pressed.table(settings).columns)
+    folder = SweepFolder(out, identity, chunks[0].swept.table(settings).columns)
     todo = [chunk for chunk in chunks if not folder.has(chunk.number, chunk.cases)]
     if todo:
         with (

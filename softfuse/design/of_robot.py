@@ -159,8 +159,14 @@ def build_places(plan: DesignPlan, config: RobotSettings) -> tuple[Array, tuple[
         context={"folder": plan.path.parent, "path": plan.path},
     )
     alone = build_series(presses, config)
-    places = jnp.asarray(np.concatenate([places_of(config, series) for series in alone]))
     names = tuple(place for series in alone for place in series.places if isinstance(place, str))
+    contact = config.contact()
+    if contact.direction is None and not names:
+        raise ConfigError(
+            f'{plan.path}: places.type: the contact "{contact.name}" of {config.path} may be anywhere on a '
+            "surface: designs are judged by presses in a flat workspace, or on electrodes"
+        )
+    places = jnp.asarray(np.concatenate([places_of(config, series) for series in alone]))
     return places, names
 
 

@@ -1,4 +1,4 @@
-"""Many presses of one robot in chunks of series: equilibria at one place, each searched from the one before.
+"""Many cases of one robot in chunks of series, see `sweep_cases`.
 
 A worker solves a chunk, and builds the robot once; client and worker exchange plain data only: the config as
 text, numbers, names. What is told of each case, column by column, is in mm, N, mm³ and Pa.
@@ -9,44 +9,51 @@ import logging
 import math
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Literal
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
 
 from softfuse.errors import SoftfuseError
+from softfuse.experiment.sweep_cases import Outcome, outcomes
 from softfuse.io.result_folder import claim, put_in_place, writing
-from softfuse.mechanics.model import Model, simulate
-from softfuse.mechanics.solution import State, result_name
+from softfuse.mechanics.model import Model
 from softfuse.robot.digest import digest
 from softfuse.robot.file import parse
+from softfuse.robot.names import safe_name, safe_names
 from softfuse.robot.press_plan import SweepPlan
 from softfuse.robot.press_series import (
+    Driven,
     Series,
     build_series,
+    driven_of,
     places_of,
-    shortened_cables,
     swept_model,
     with_moduli,
 )
-from softfuse.robot.robot import build_robot
+from softfuse.robot.robot import Robot, build_robot
 from softfuse.robot.settings import RobotSettings
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-OVERHANGS = "overhangs"
-"""The result of a case in which a disc does not stand on the body with all of its face: nothing is solved."""
-
 Value = float | int | str | None
 """None: not known, or not of this case."""
+
+_ANSWERS: dict[Driven, Driven] = {"shortening": "tension", "tension": "shortening"}
+"""What answers what a cable is driven by."""
+
+_UNITS: dict[Driven, tuple[str, float]] = {
+    "shortening": ("mm", 1e3),
+    "tension": ("N", 1.0),
+    "pressure": ("Pa", 1.0),
+}
+"""The unit that people read, and how many of it are one in SI."""
 
 _building = Lock()
 """A worker may have several threads; they share one device."""
@@ -56,79 +63,6 @@ log = logging.getLogger(__name__)
 _NAME = "sweep.json"
 
 _MARK = b"softfuse.sweep"
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """How one case ended, in SI: a name of `RESULTS` or `OVERHANGS`, and what the search took.
-
-    reading (k,): of the robot; largest_displacement: of a node; NaN unless converged, and so is residual of
-    what was not solved.
-    """
-
-    result: str
-    newton_iterations: int
-    load_steps: int
-    residual: float
-    reading: Float[np.ndarray, " k"]
-    largest_displacement: float
-
-
-def drives_of(model: Model, series: Series, rest: Float[np.ndarray, " D"]) -> Float[np.ndarray, "m D"]:
-    """The drives (m, D) of the cases of a series: forces, then cables, then what the body at rest has.
-
-    The cables come first among what is attached to the robot.
-    """
-    shares = np.tile(model.contacts[0].shares, len(series.places))
-    pressed = len(shares)
-    driven = pressed + len(series.cables)
-    drives = np.tile(rest, (len(series.forces), 1))
-    drives[:, :pressed] = np.array(series.forces)[:, None] * shares
-    drives[:, pressed:driven] = series.cables
-    return drives
-
-
-def outcomes(model: Model, series: Series, places: Float[Array, "c 3 3"]) -> Iterator[Outcome]:
-    """How the cases of a series at places (c, 3, 3) end on a robot of these moduli and cables, one by one.
-
-    Each is searched from the last one that was found, the first from rest.
-    """
-    if not _stands(model, places):
-        nothing = np.full(model.n_readings, np.nan)
-        yield from (Outcome(OVERHANGS, 0, 0, np.nan, nothing, np.nan) for _ in series.forces)
-        return
-    at = _rest(model, places)
-    for drive in drives_of(model, series, np.asarray(at.drive)):
-        solution = simulate(model, places, jnp.asarray(drive), at)
-        reading, largest = _measured(model, places, solution.state)
-        name = result_name(solution.result)
-        found = solution.success
-        at = solution.state if found else at
-        yield Outcome(
-            name,
-            int(solution.stats.newton_iterations),
-            int(solution.stats.load_steps),
-            float(solution.stats.residual),
-            np.asarray(reading) if found else np.full(model.n_readings, np.nan),
-            float(largest) if found else np.nan,
-        )
-
-
-@eqx.filter_jit
-def _stands(model: Model, places: Float[Array, "c 3 3"]) -> Bool[Array, ""]:
-    each = zip(model.kinds(len(places)), places, strict=True)
-    return jnp.all(jnp.stack([kind.stands(model.body, place) for kind, place in each]))
-
-
-@eqx.filter_jit
-def _rest(model: Model, places: Array) -> State:
-    return model.rest_state(places)
-
-
-@eqx.filter_jit
-def _measured(model: Model, places: Array, state: State) -> tuple[Float[Array, " k"], Float[Array, ""]]:
-    moved = jnp.linalg.norm(model.body.displacement(state.z), axis=1)
-    return model.reading(state, places), jnp.max(moved)
 
 
 @dataclass(frozen=True)
@@ -141,19 +75,22 @@ class SweepColumn:
 
 
 class SweepTable:
-    """The rows of the sweep of a robot, with up to so many contacts at once."""
+    """The rows of a sweep of a robot."""
 
-    def __init__(self, config: RobotSettings, contacts: int, shortened: tuple[bool, ...]):
-        """shortened: of each cable, whether its shortening is given; its tension is otherwise."""
-        self._contacts, self._shortened = contacts, shortened
-        self._discs = config.contact().within is not None
-        self._readings = [*self._cables(config, given=False), *_volumes(config), *_pressures(config)]
+    def __init__(self, config: RobotSettings, swept: "Swept"):
+        """Its columns."""
+        self._swept = swept
+        self._given = self._actuated(config, given=True)
+        self._readings = [*self._actuated(config, given=False), *_volumes(config), *_pressures(config)]
+        contact = None if not swept.contacts else config.contact(swept.contact)
+        self._names = [] if contact is None else _numbered(safe_name(contact.name), swept.contacts)
+        self._axes = swept.axes
         self.columns: tuple[SweepColumn, ...] = (
             SweepColumn("case", "integer", "number of the case, from 0"),
             SweepColumn("modulus_factor", "number", "factor of all moduli"),
-            *(column for column, _ in self._cables(config, given=True)),
+            *(column for column, _ in self._given),
             SweepColumn("contacts", "integer", "contacts at once"),
-            *(column for k in range(contacts) for column in self._contact(k)),
+            *(column for name in self._names for column in self._contact(name)),
             SweepColumn("force_N", "number", "sum of the forces"),
             *(column for column, _ in self._readings),
             SweepColumn("largest_displacement_mm", "number", "of a node"),
@@ -166,22 +103,22 @@ class SweepTable:
 
     def row(self, series: Series, k: int, outcome: Outcome, wall_time: float) -> list[Value]:
         """The values of the columns for case number k of a series; wall_time [s]."""
-        force = series.forces[k]
-        given = zip(self._shortened, series.cables, strict=True)
+        given, answers = [series.levels[k]] * len(series.places), outcome.answer.tolist()
+        forces, depths = (answers, given) if self._swept.by_depth else (given, answers)
         each: list[Value] = []
-        for place in series.places:
+        for place, force, depth in zip(series.places, forces, depths, strict=True):
             each += [place] if isinstance(place, str) else [1e3 * x for x in place]
-            each.append(force)
-        width = len(self._contact(0))
-        each += [None] * (width * (self._contacts - len(series.places)))
+            each += [_known(force), _known(1e3 * depth)]
+        each += [None] * (sum(len(self._contact(name)) for name in self._names) - len(each))
+        actuated = zip(self._given, series.driven, strict=True)
         readings = zip(self._readings, outcome.reading, strict=True)
         return [
             series.number + k,
             series.modulus_factor,
-            *(1e3 * drive if by_length else drive for by_length, drive in given),
+            *(scale * drive for (_, scale), drive in actuated),
             len(series.places),
             *each,
-            force * len(series.places),
+            _known(sum(forces)),
             *(_known(scale * float(value)) for (_, scale), value in readings),
             _known(1e3 * outcome.largest_displacement),
             outcome.result,
@@ -191,35 +128,48 @@ class SweepTable:
             wall_time,
         ]
 
-    def _contact(self, k: int) -> list[SweepColumn]:
-        place = (
-            [SweepColumn(f"contact{k}_{axis}_mm", "number", "middle of the disc") for axis in "xy"]
-            if self._discs
-            else [SweepColumn(f"contact{k}_electrode", "text", "the electrode that is pressed")]
-        )
-        return [*place, SweepColumn(f"contact{k}_force_N", "number", "its total force")]
+    def _contact(self, name: str) -> list[SweepColumn]:
+        place = [SweepColumn(f"{name}_{axis}_mm", "number", "its middle") for axis in self._axes]
+        return [
+            *(place or [SweepColumn(f"{name}_place", "text", "the electrode that is pressed")]),
+            SweepColumn(f"{name}_force_N", "number", "its total force"),
+            SweepColumn(f"{name}_depth_mm", "number", "how far it has sunk in"),
+        ]
 
-    def _cables(self, config: RobotSettings, *, given: bool) -> list[tuple[SweepColumn, float]]:
-        """Of each cable what is given, or what answers that, and how many of its unit are one in SI."""
+    def _actuated(self, config: RobotSettings, *, given: bool) -> list[tuple[SweepColumn, float]]:
+        """Of each actuator what is given, or of each cable what answers that, and how many of its unit are
+        one in SI.
+        """
+        safe = safe_names(each.name for each in (*config.cables, *config.chambers))
         columns = []
-        for k, (cable, shortened) in enumerate(zip(config.cables, self._shortened, strict=True)):
-            unit, what, scale = ("mm", "shortening", 1e3) if shortened == given else ("N", "tension", 1.0)
-            about = f'{"given " if given else ""}{what} of "{cable.name}"'
-            columns.append((SweepColumn(f"cable{k}_{unit}", "number", about), scale))
+        for name, what in self._swept.driven:
+            if what == "pressure" and not given:
+                continue
+            shown = what if given else _ANSWERS[what]
+            unit, scale = _UNITS[shown]
+            about = f'{"given " if given else ""}{shown} of "{name}"'
+            columns.append((SweepColumn(f"{safe[name]}_{unit}", "number", about), scale))
         return columns
 
 
+def _numbered(name: str, count: int) -> list[str]:
+    """What each of so many contacts of a name is called, as of an estimate."""
+    return [name] if count == 1 else [f"{name}{k}" for k in range(count)]
+
+
 def _volumes(config: RobotSettings) -> list[tuple[SweepColumn, float]]:
+    safe = safe_names(each.name for each in (*config.cables, *config.chambers))
     return [
-        (SweepColumn(f"dV{k}_mm3", "number", f'volume change of "{chamber.name}"'), 1e9)
-        for k, chamber in enumerate(config.chambers)
+        (SweepColumn(f"{safe[chamber.name]}_mm3", "number", f'volume change of "{chamber.name}"'), 1e9)
+        for chamber in config.chambers
     ]
 
 
 def _pressures(config: RobotSettings) -> list[tuple[SweepColumn, float]]:
+    safe = safe_names(each.name for each in (*config.cables, *config.chambers))
     return [
-        (SweepColumn(f"pressure{k}_Pa", "number", f'gauge pressure in "{chamber.name}"'), 1.0)
-        for k, chamber in enumerate(config.chambers)
+        (SweepColumn(f"{safe[chamber.name]}_Pa", "number", f'gauge pressure in "{chamber.name}"'), 1.0)
+        for chamber in config.chambers
         if chamber.gas == "sealed"
     ]
 
@@ -229,22 +179,26 @@ def _known(value: float) -> float | None:
 
 
 @dataclass(frozen=True)
-class Pressed:
-    """Which robot is pressed, the same in all chunks of a sweep.
+class Swept:
+    """What is swept of which robot, the same in all chunks.
 
-    text, path, digest: of its config, the path absolute; contacts: the most at once; shortened: of each
-    cable, whether it is shortened or pulled.
+    text, path, digest: of its config, the path absolute; contacts: the most at once, of the named one, None:
+    the only one; axes: what tells its middle, none where electrodes do; by_depth: whether they are driven by
+    their depth; driven: what is prescribed of each actuator, see `driven_of`.
     """
 
     text: str
     path: str
     digest: str
     contacts: int
-    shortened: tuple[bool, ...]
+    contact: str | None = None
+    axes: str = ""
+    by_depth: bool = False
+    driven: tuple[tuple[str, Driven], ...] = ()
 
     def table(self, config: RobotSettings) -> SweepTable:
         """What is told of each case."""
-        return SweepTable(config, self.contacts, self.shortened)
+        return SweepTable(config, self)
 
 
 @dataclass(frozen=True)
@@ -252,13 +206,13 @@ class Chunk:
     """Some series of a sweep, whose rows make one file; number: from 0."""
 
     number: int
-    pressed: Pressed
+    swept: Swept
     series: tuple[Series, ...]
 
     @property
     def cases(self) -> int:
         """Number of cases."""
-        return sum(len(each.forces) for each in self.series)
+        return sum(len(each.levels) for each in self.series)
 
     @property
     def title(self) -> str:
@@ -271,17 +225,27 @@ def chunks_of(text: str, config: RobotSettings, plan: SweepPlan) -> list[Chunk]:
 
     Raises ConfigError when the plan does not suit the robot.
     """
-    path, shortened = str(config.path.resolve()), shortened_cables(plan, config)
-    pressed = Pressed(text, path, digest(config), plan.contacts[-1], shortened)
+    series = build_series(plan, config)
+    first = next((place for each in series for place in each.places), "")
+    swept = Swept(
+        text,
+        str(config.path.resolve()),
+        digest(config),
+        0 if plan.places is None else plan.contacts[-1],
+        plan.contact,
+        "" if isinstance(first, str) else "xyz"[: len(first)],
+        plan.depths is not None,
+        tuple(driven_of(plan, config).items()),
+    )
     groups: list[list[Series]] = []
     room = 0
-    for each in build_series(plan, config):
+    for each in series:
         if room <= 0:
             groups.append([])
             room = plan.cases_per_file
         groups[-1].append(each)
-        room -= len(each.forces)
-    return [Chunk(number, pressed, tuple(group)) for number, group in enumerate(groups)]
+        room -= len(each.levels)
+    return [Chunk(number, swept, tuple(group)) for number, group in enumerate(groups)]
 
 
 def solve_chunk(chunk: Chunk) -> list[list[Value]]:
@@ -290,13 +254,16 @@ def solve_chunk(chunk: Chunk) -> list[list[Value]]:
     Raises SoftfuseError when this worker has other files than the client, or the robot cannot be built.
     """
     with _building:
-        config, model = _model(chunk.pressed)
-    table = chunk.pressed.table(config)
+        robot, model = _built(chunk.swept)
+    config, swept = robot.settings, chunk.swept
+    table, drives = swept.table(config), [robot.addresses.drives[name] for name, _ in swept.driven]
+    surface = np.asarray(robot.model.body.rest), np.asarray(robot.parts.faces)
     rows = []
     for series in chunk.series:
-        pressed = with_moduli(model, config, series.modulus_factor)
+        stiff = with_moduli(model, config, series.modulus_factor)
+        places = jnp.asarray(places_of(config, series, swept.contact, surface))
         begin = time.perf_counter()
-        for k, outcome in enumerate(outcomes(pressed, series, jnp.asarray(places_of(config, series)))):
+        for k, outcome in enumerate(outcomes(stiff, series, places, drives)):
             end = time.perf_counter()
             rows.append(table.row(series, k, outcome, end - begin))
             begin = end
@@ -304,11 +271,12 @@ def solve_chunk(chunk: Chunk) -> list[list[Value]]:
 
 
 @lru_cache(maxsize=1)
-def _model(pressed: Pressed) -> tuple[RobotSettings, Model]:
-    config = parse(pressed.text, Path(pressed.path))
-    if digest(config) != pressed.digest:
-        raise SoftfuseError(f"{pressed.path}: a worker finds other files than here: share the folder")
-    return config, swept_model(build_robot(config), pressed.shortened)
+def _built(swept: Swept) -> tuple[Robot, Model]:
+    config = parse(swept.text, Path(swept.path))
+    if digest(config) != swept.digest:
+        raise SoftfuseError(f"{swept.path}: a worker finds other files than here: share the folder")
+    robot = build_robot(config)
+    return robot, swept_model(robot, dict(swept.driven), swept.contact, by_depth=swept.by_depth)
 
 
 class SweepFolder:

@@ -91,12 +91,20 @@ class Model(eqx.Module):
         """What answers the actuators' drives (a,), see `AbstractLoad.conjugate`."""
         return Equilibrium(self.body, Loads(()), Loads(self.actuators), state).answers
 
-    def depth(self, places: Sequence[Array] | Array, state: State) -> Float[Array, ""]:
-        """How far the first of contacts at places (c, 3, 3) has sunk in [m], the mean of its parts."""
-        (kind,) = self.kinds(1)
-        touching = Loads((kind.load(self.body, places[0]),))
+    def depths(self, places: Sequence[Array] | Array, state: State) -> Float[Array, " c"]:
+        """How far each of contacts at places (c, 3, 3) has sunk in (c,) [m], the mean of its parts; or how
+        hard it presses [N], where it is driven by its depth.
+        """
+        count = len(places)
+        touching = Loads(self.loads(places).parts[:count])
         force, internal = state.force[: touching.sizes.forces], state.internal[: touching.sizes.internal]
-        return touching.conjugate(force, internal, touching.values(self.body, state.z)) @ kind.shares
+        answers = touching.conjugate(force, internal, touching.values(self.body, state.z))
+        shares = np.concatenate([np.zeros(0), *(kind.shares for kind in self.kinds(count))])
+        return jnp.asarray(self.owning(count) * shares) @ answers
+
+    def depth(self, places: Sequence[Array] | Array, state: State) -> Float[Array, ""]:
+        """That of the first contact."""
+        return self.depths(places[:1], state)[0]
 
 
 def with_body(model: Model, body: AbstractBody) -> Model:

@@ -24,7 +24,7 @@ from distributed import Client, LocalCluster
 
 from softfuse.computing.cluster import prepared
 from softfuse.errors import SoftfuseError
-from softfuse.experiment.sweep import Chunk, Pressed, chunks_of, solve_chunk
+from softfuse.experiment.sweep import Chunk, Swept, chunks_of, solve_chunk
 from softfuse.functional.chart import facing
 from softfuse.mechanics.cable import ShortenedCable
 from softfuse.mechanics.model import simulate
@@ -33,6 +33,7 @@ from softfuse.robot.file import load, save_edited
 from softfuse.robot.press_plan import load_plan
 from softfuse.robot.press_series import swept_model
 from softfuse.robot.robot import build_robot
+from softfuse.robot.trial import Trial
 
 PLACES = '[places]\ntype = "list"\nat = [["-17 mm", "-15 mm"], ["12 mm", "14 mm"]]\n'
 FORCES = '[forces]\nvalues = ["1 N", "4 N"]\n'
@@ -47,6 +48,12 @@ OPTIONS: Any = {
 """No dashboard, and no port that something else may have."""
 
 Rows = list[dict[str, Any]]
+
+PAD = Path(__file__).parents[2] / "configs" / "pad.toml"
+
+CAVITIES = ("minus_minus", "minus_plus", "plus_minus", "plus_plus")
+
+CHAMBERS = ("base left", "base right", "middle left", "middle right", "tip left", "tip right")
 
 
 @pytest.fixture(scope="module")
@@ -106,20 +113,23 @@ def test_rows_are_those_of_single_simulations_and_none_is_computed_twice(
     for row in rows:
         assert row["result"] == "converged" and row["residual_N"] < 1e-9 and row["wall_time_s"] > 0
         count = row["contacts"]
-        at = [[1e-3 * row[f"contact{k}_{axis}_mm"] for axis in "xy"] + [0.0] for k in range(count)]
-        force = [row[f"contact{k}_force_N"] for k in range(count)]
+        at = [[1e-3 * row[f"indenter{k}_{axis}_mm"] for axis in "xy"] + [0.0] for k in range(count)]
+        force = [row[f"indenter{k}_force_N"] for k in range(count)]
         assert row["force_N"] == sum(force)
         if count == 1:
-            assert row["contact1_x_mm"] is None and row["contact1_force_N"] is None
+            assert row["indenter1_x_mm"] is None and row["indenter1_force_N"] is None
         model = models[row["modulus_factor"]]
         places = jnp.asarray(facing(np.array(at), (0, 0, -1)))
         solution = simulate(model, places, jnp.array(force), model.rest_state(places))
         volumes = 1e9 * np.asarray(model.reading(solution.state))
         assert np.max(np.abs(volumes)) > 1.0
-        found = [row[f"dV{k}_mm3"] for k in range(4)]
+        found = [row[f"{name}_mm3"] for name in CAVITIES]
         np.testing.assert_allclose(found, volumes, rtol=0, atol=1e-10 * np.max(np.abs(volumes)))
         moved = np.linalg.norm(model.body.displacement(solution.state.z), axis=1)
         np.testing.assert_allclose(row["largest_displacement_mm"], 1e3 * moved.max(), rtol=1e-10)
+        depth = 1e3 * float(model.depth(places, solution.state))
+        assert depth > 0.05
+        np.testing.assert_allclose(row["indenter0_depth_mm"], depth, rtol=1e-10)
 
     # With one part gone and one broken those two are computed, with all there no scheduler is asked.
     parts = sorted(out.glob("part-*.parquet"))
@@ -131,7 +141,7 @@ def test_rows_are_those_of_single_simulations_and_none_is_computed_twice(
     again = rows_in(out)
     for old, new in zip(rows, again, strict=True):
         assert old["case"] == new["case"]
-        np.testing.assert_allclose(old["dV0_mm3"], new["dV0_mm3"], rtol=0, atol=1e-8)
+        np.testing.assert_allclose(old["minus_minus_mm3"], new["minus_minus_mm3"], rtol=0, atol=1e-8)
     for part in (parts[0], *parts[3:]):
         assert part.stat().st_mtime_ns == before[part]
     assert code_of(*given, "--scheduler", "tcp://127.0.0.1:1") == 0
@@ -139,7 +149,7 @@ def test_rows_are_those_of_single_simulations_and_none_is_computed_twice(
 
     about = json.loads((out / "sweep.json").read_text())
     assert about["softfuse"] == version("softfuse") and about["config"] == digest(soft)
-    assert about["columns"]["dV0_mm3"] == 'volume change of "(-,-)"'
+    assert about["columns"]["minus_minus_mm3"] == 'volume change of "(-,-)"'
     assert list(about["columns"]) == list(rows[0])
 
     for config, text, told in (
@@ -163,9 +173,11 @@ def test_a_case_that_fails_is_a_row(
     assert code_of(*given, "--scheduler", cluster.scheduler_address) == 0
     off, off_too, fine, crushed = rows_in(tmp_path)
     assert off["result"] == off_too["result"] == "overhangs" and off["residual_N"] is None
-    assert fine["result"] == "converged" and fine["dV3_mm3"] < 0
+    assert fine["result"] == "converged" and fine["plus_plus_mm3"] < 0
     assert crushed["result"] in ("inverted", "diverged", "snapped", "step_limit")
-    assert crushed["dV3_mm3"] is None and crushed["force_N"] == 30e3 and crushed["newton_iterations"] > 0
+    assert (
+        crushed["plus_plus_mm3"] is None and crushed["force_N"] == 30e3 and crushed["newton_iterations"] > 0
+    )
 
 
 @pytest.mark.slow
@@ -251,27 +263,45 @@ def test_a_finger_is_pressed_while_its_cable_is_shortened(
     )
     (chunk,) = chunks_of(path.read_text(), config, load_plan(plan(text)))
     alone, both = solve_chunk(chunk)
-    columns = [
-        *("case", "modulus_factor", "cable0_mm", "contacts", "contact0_electrode", "contact0_force_N"),
-        *("force_N", "cable0_N", *(f"dV{k}_mm3" for k in range(6)), *(f"pressure{k}_Pa" for k in range(6))),
-    ]
-    found = dict(zip(columns, both, strict=False))
-    assert found["contact0_electrode"] == "tip left" and found["cable0_mm"] == 5.0
-    assert alone[columns.index("force_N")] == 0.0 and found["force_N"] == 0.2
+    names = [column.name for column in chunk.swept.table(config).columns]
+    found = dict(zip(names, both, strict=True))
+    assert found["hand_place"] == "tip left" and found["palm_mm"] == 5.0
+    assert alone[names.index("force_N")] == 0.0 and found["force_N"] == found["hand_force_N"] == 0.2
 
     robot = build_robot(config)
     cable, gas = robot.model.actuators
     shortened = ShortenedCable.of(cable, robot.model.body)
-    model = replace(swept_model(robot, (True,)), actuators=(shortened, gas))
+    model = replace(swept_model(robot, {"palm": "shortening"}), actuators=(shortened, gas))
     places = jnp.asarray(config.places["tip left"][None])
     drive = jnp.array([0.1, 0.1, 5e-3, *6 * [101325.0]])
     reading = model.reading(simulate(model, places, drive, model.rest_state(places)).state)
     scale = np.array([1.0, *6 * [1e9], *6 * [1.0]])
-    np.testing.assert_allclose([found[name] for name in columns[7:]], scale * reading, rtol=1e-8)
+    chambers = [each.replace(" ", "_") for each in CHAMBERS]
+    read = ["palm_N", *(f"{each}_mm3" for each in chambers), *(f"{each}_Pa" for each in chambers)]
+    np.testing.assert_allclose([found[name] for name in read], scale * reading, rtol=1e-8)
+
+
+@pytest.mark.slow
+def test_chambers_and_cables_of_a_trunk_are_driven_and_nothing_presses(plan: Callable) -> None:
+    path = PAD.parent / "trunk.toml"
+    config = load(path)
+    text = (
+        '[[cable]]\nname = "cable 1"\nshortening = { values = ["3 mm"] }\n'
+        '[[chamber]]\nname = "chamber 2"\npressure = { values = ["2 kPa"] }\n'
+    )
+    (chunk,) = chunks_of(path.read_text(), config, load_plan(plan(text)))
+    (row,) = solve_chunk(chunk)
+    found = dict(zip([column.name for column in chunk.swept.table(config).columns], row, strict=True))
+    assert found["contacts"] == 0 and found["cable_1_mm"] == 3.0 and found["chamber_2_Pa"] == 2000.0
+    trial = Trial.of(build_robot(config), cables=["cable 1=3 mm"], pressures=["chamber 2=2 kPa"])
+    numbers = trial.numbers(trial.solved())
+    np.testing.assert_allclose(found["cable_1_N"], numbers["cables"]["cable 1"]["tension_N"], rtol=1e-6)
+    volume = numbers["chambers"]["chamber 2"]["volume_change_mm3"]
+    np.testing.assert_allclose(found["chamber_2_mm3"], volume, rtol=1e-6)
 
 
 def test_a_worker_of_another_kind_is_refused(pad: Path) -> None:
-    there = Pressed(pad.read_text(), str(pad), digest(load(pad)), 1, ())
+    there = Swept(pad.read_text(), str(pad), digest(load(pad)), 1)
     with pytest.raises(SoftfuseError, match="a worker has softfuse .*, here it is 9.9: install the same"):
         prepared("9.9", solve_chunk, Chunk(0, there, ()))
     with pytest.raises(SoftfuseError, match="a worker finds other files than here"):
@@ -284,7 +314,7 @@ def test_a_device_is_built_once(pad: Path, monkeypatch: pytest.MonkeyPatch) -> N
         "softfuse.experiment.sweep.build_robot", lambda config: built.append(1) or build_robot(config)
     )
     text = pad.read_text() + "\n# not built before\n"
-    there = Pressed(text, str(pad), digest(load(pad)), 1, ())
+    there = Swept(text, str(pad), digest(load(pad)), 1)
     assert [solve_chunk(Chunk(number, there, ())) for number in range(3)] == [[], [], []]
     assert len(built) == 1
 

@@ -1,6 +1,7 @@
 """What may press, from TOML to an equilibrium: anywhere on a surface, by force or by depth, and estimated."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -13,6 +14,7 @@ from softfuse.estimation.bounds import limits_of
 from softfuse.estimation.step import Observation, exact_steps
 from softfuse.estimation.tracked import Frame
 from softfuse.estimation.tracker import Tracker
+from softfuse.experiment.sweep import chunks_of, solve_chunk
 from softfuse.functional.chart import facing
 from softfuse.functional.pressure_cells import even, strip
 from softfuse.functional.skin import Skin
@@ -23,6 +25,7 @@ from softfuse.mesh.kuhn import kuhn_grid
 from softfuse.mesh.orientation import oriented
 from softfuse.mesh.tetmesh import tet_mesh
 from softfuse.robot.file import parse
+from softfuse.robot.press_plan import load_plan
 from softfuse.robot.robot import Robot, build_robot
 from softfuse.robot.trial import Press, Trial, presses_of
 
@@ -162,6 +165,27 @@ def test_round_things_are_those_of_the_mechanics(build: Build) -> None:
         assert all(jax.tree.leaves(same))
     (wide,) = build('model = "sphere"\nradius = "3 mm"\n' + ANYWHERE).model.contacts
     assert isinstance(wide, SphereIndenter) and float(wide.extent) == 3e-3
+
+
+def test_a_sweep_pushes_a_sphere_in_by_its_depth_at_points_of_a_dome(build: Build, tmp_path: Path) -> None:
+    robot, plan = build(SPHERE + ANYWHERE, "dome"), tmp_path / "plan.toml"
+    config = robot.settings
+    points = '[places]\ntype = "list"\nat = [["0 mm", "0 mm", "12 mm"], ["4 mm", "1 mm", "11 mm"]]\n'
+    plan.write_text(points + '[depths]\nvalues = ["0.5 mm", "1 mm"]\n')
+    text = CONFIG.format(file="dome.vtu", contact=SPHERE + ANYWHERE)
+    (chunk,) = chunks_of(text, config, load_plan(plan))
+    names = [column.name for column in chunk.swept.table(config).columns]
+    rows = [dict(zip(names, row, strict=True)) for row in solve_chunk(chunk)]
+    assert [row["thing_depth_mm"] for row in rows] == [0.5, 1.0, 0.5, 1.0]
+    for row in rows:
+        assert row["result"] == "converged" and row["force_N"] == row["thing_force_N"] > 0.01
+        at = ",".join(str(row[f"thing_{axis}_mm"]) for axis in "xyz")
+        pressed = _pressed(robot, Press(None, at, depth_m=1e-3 * row["thing_depth_mm"]))
+        np.testing.assert_allclose(row["thing_force_N"], pressed["force_N"], rtol=1e-6)
+    soft = CONFIG.format(file="dome.vtu", contact=PATCH + ANYWHERE)
+    (chunk,) = chunks_of(soft, parse(soft, config.path), load_plan(plan))
+    with pytest.raises(ConfigError, match='contact "thing" is not rigid and has no depth: give forces'):
+        solve_chunk(chunk)
 
 
 def test_a_cylinder_lies_along_its_axis(build: Build) -> None:

@@ -12,18 +12,24 @@ from softfuse.errors import ConfigError
 from softfuse.robot.digest import digest
 from softfuse.robot.file import load
 from softfuse.robot.press_plan import ElectrodePlaces, load_plan
-from softfuse.robot.press_series import Series, build_series, shortened_cables
+from softfuse.robot.press_series import Series, build_series, driven_of, places_of
+from softfuse.robot.robot import build_robot
 
 Write = Callable[..., Path]
 
 ROOT = Path(__file__).parents[2]
-PAD, FINGER = (ROOT / "configs" / name for name in ("pad.toml", "finger.toml"))
+PAD, FINGER, DOME, TRUNK = (
+    ROOT / "configs" / name for name in ("pad.toml", "finger.toml", "dome.toml", "trunk.toml")
+)
 FORCES = '[forces]\nvalues = ["1 N", "3 N"]\n'
 GRID = '[places]\ntype = "grid"\ncount = [3, 2]\n' + FORCES
 RANDOM = '[places]\ntype = "random"\ncount = 20\n' + FORCES
 LISTED = '[places]\ntype = "list"\nat = [["10 mm", "-6 mm"], ["-20 mm", "0 mm"]]\n' + FORCES
 ELECTRODES = '[places]\ntype = "electrodes"\n' + FORCES
 PALM = '[[cable]]\nname = "palm"\n'
+POINTS = '[places]\ntype = "list"\nat = [["0 mm", "0 mm", "30 mm"], ["15 mm", "0 mm", "26 mm"]]\n' + FORCES
+SURFACE = '[places]\ntype = "surface"\n' + FORCES
+PRESSED = '[[chamber]]\nname = "chamber 1"\npressure = { values = ["0 kPa", "10 kPa"] }\n'
 
 
 @pytest.fixture
@@ -46,7 +52,7 @@ def test_the_example_is_a_plan_for_the_pad(series: Callable) -> None:
         p for p in itertools.combinations(itertools.product(range(5), range(5)), 2) if math.dist(*p) >= 2
     ]
     assert len(found) == 3 * (25 + len(pairs))
-    assert found[0].forces == (2.0, 4.0, 6.0, 8.0, 10.0)
+    assert found[0].levels == (2.0, 4.0, 6.0, 8.0, 10.0)
     assert {one.modulus_factor for one in found} == {0.9, 1.0, 1.1}
     np.testing.assert_allclose(found[0].places, [(-24e-3, -24e-3)])
     np.testing.assert_allclose(found[1].places, [(-12e-3, -24e-3)])
@@ -57,7 +63,7 @@ def test_the_example_is_a_plan_for_the_pad(series: Callable) -> None:
     for key in ("names = [", "[[cable]]", 'name = "palm"', "shortening = {"):
         finger = finger.replace(f"# {key}", key)
     found = series(finger, FINGER)
-    assert len(found) == 3 * 5 * (2 + 1) and found[1].cables == (0.0,) and found[-1].cables == (10e-3,)
+    assert len(found) == 3 * 5 * (2 + 1) and found[1].driven == (0.0,) and found[-1].driven == (10e-3,)
 
 
 def test_cases_are_counted_through(series: Callable) -> None:
@@ -92,12 +98,45 @@ def test_electrodes_and_cables_of_a_finger(series: Callable, tmp_path: Path) -> 
     cable = PALM + 'tension = { values = ["0 N", "2 N"] }\n'
     found = series("contacts = [1, 2]\n" + ELECTRODES + cable, FINGER)
     assert len(found) == 2 * (12 + 66)
-    assert found[0].places == ("base palm",) and found[0].cables == (0.0,) and found[-1].cables == (2.0,)
+    assert found[0].places == ("base palm",) and found[0].driven == (0.0,) and found[-1].driven == (2.0,)
     plan = tmp_path / "plan.toml"
-    assert shortened_cables(load_plan(plan), load(FINGER)) == (False,)
+    assert driven_of(load_plan(plan), load(FINGER)) == {"palm": "tension"}
     plan.write_text(ELECTRODES + PALM + 'shortening = { from = "0 mm", to = "4 mm", count = 3 }\n')
-    assert shortened_cables(load_plan(plan), load(FINGER)) == (True,)
+    assert driven_of(load_plan(plan), load(FINGER)) == {"palm": "shortening"}
     assert isinstance(load_plan(plan).places, ElectrodePlaces)
+
+
+def test_places_all_over_a_surface_are_well_spread(series: Callable) -> None:
+    every = series(SURFACE, DOME)
+    few = series(SURFACE.replace("[forces]", "count = 8\n[forces]"), DOME)
+    assert len(every) > 20 and [one.places for one in few] == [one.places for one in every[:8]]
+    points = np.array([one.places[0] for one in few])
+    apart = np.linalg.norm(points[:, None] - points, axis=-1)[np.triu_indices(8, 1)]
+    # Eight patches of a half ball of 30 mm.
+    assert points.shape == (8, 3) and points[:, 2].min() > 7.9e-3 and apart.min() > 15e-3
+    far = series("contacts = 2\n" + SURFACE.replace("[forces]", 'apart = "45 mm"\n[forces]'), DOME)
+    assert 0 < len(far) < len(every) ** 2 / 8 and all(math.dist(*one.places) >= 45e-3 for one in far)
+
+
+def test_points_are_put_on_the_surface(series: Callable) -> None:
+    config = load(DOME)
+    robot = build_robot(config)
+    surface = np.asarray(robot.model.body.rest), np.asarray(robot.parts.faces)
+    top, side = (places_of(config, one, surface=surface)[0] for one in series(POINTS, DOME))
+    np.testing.assert_allclose(top[0], [0, 0, 30e-3], atol=5e-4)
+    np.testing.assert_allclose(side[0], [15e-3, 0, 26e-3], atol=1e-3)
+
+
+def test_what_is_only_driven_is_not_pressed(series: Callable) -> None:
+    cables = '[[cable]]\nname = "cable 0"\ntension = { values = ["0 N", "1 N", "2 N"] }\n'
+    found = series("modulus_factors = [1, 2]\n" + PRESSED + cables, TRUNK)
+    assert len(found) == 2 * 3 * 2 and {one.places for one in found} == {()}
+    assert [one.driven for one in found[:3]] == [
+        (0, 0, 0, 0, 0, 0),
+        (0, 0, 0, 0, 10e3, 0),
+        (1, 0, 0, 0, 0, 0),
+    ]
+    assert places_of(load(TRUNK), found[0]).shape == (0, 3, 3)
 
 
 def test_a_digest_is_of_what_is_said(tmp_path: Path, write: Write) -> None:
@@ -130,11 +169,34 @@ def test_a_digest_is_of_files_too(write: Write, tmp_path: Path, pad_text: str) -
 @pytest.mark.parametrize(
     ("config", "text", "told"),
     [
-        (PAD, FORCES, "places: missing"),
+        (PAD, FORCES, "places: missing: say where it presses"),
+        (PAD, "contacts = 1\n", "places: missing, and nothing is driven: say what is varied"),
+        (PAD, GRID.replace(FORCES, ""), "give either forces or depths"),
+        (PAD, GRID + '[depths]\nvalues = ["1 mm"]\n', "give either forces or depths"),
+        (PAD, SURFACE, 'places.type: this is pressed in a workspace: give "grid", "random" or "list"'),
+        (PAD, POINTS, "places.at[0]: give x and y in the workspace"),
+        (PAD, 'contact = "thumb"\n' + GRID, 'contact: say which one is meant: there is "indenter"'),
+        (DOME, LISTED, "places.at[0]: give x, y and z of a point"),
+        (
+            DOME,
+            GRID,
+            'places.type: this contact may be anywhere on a surface: give "surface" or "list"',
+        ),
+        (DOME, PRESSED, 'has no chamber "chamber 1" that is driven, it has none'),
+        (
+            TRUNK,
+            PRESSED.replace("chamber 1", "chamber 7"),
+            'has no chamber "chamber 7" that is driven, it could be "chamber 0", "chamber 1", "chamber 2"',
+        ),
+        (
+            TRUNK,
+            PRESSED.replace("10 kPa", "25 kPa"),
+            'chamber[0].pressure: beyond what "chamber 1" may be driven to, 0 to 20 kPa',
+        ),
         (
             PAD,
             GRID.replace("grid", "grit"),
-            'places.type: "grit" is none of "grid", "random", "list", "electrodes"',
+            'places.type: "grit" is none of "grid", "random", "list", "surface", "electrodes"',
         ),
         (
             PAD,
@@ -209,8 +271,8 @@ def test_a_digest_is_of_files_too(write: Write, tmp_path: Path, pad_text: str) -
 def test_a_mistake_is_a_line_with_file_and_key(series: Callable, config: Path, text: str, told: str) -> None:
     with pytest.raises(ConfigError) as caught:
         series(text, config)
-    lines = str(caught.value).split("\n")
-    assert len(lines) == 1 and "plan.toml: " in lines[0] and told in lines[0]
+    (line,) = str(caught.value).split("\n")
+    assert ".toml: " in line and told in line
 
 
 def test_every_mistake_is_told(series: Callable) -> None:
