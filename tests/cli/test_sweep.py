@@ -128,7 +128,7 @@ def test_rows_are_those_of_single_simulations_and_none_is_computed_twice(
         moved = np.linalg.norm(model.body.displacement(solution.state.z), axis=1)
         np.testing.assert_allclose(row["largest_displacement_mm"], 1e3 * moved.max(), rtol=1e-10)
         depth = 1e3 * float(model.depth(places, solution.state))
-        assert depth > 0.05
+        assert depth > 0.01
         np.testing.assert_allclose(row["indenter0_depth_mm"], depth, rtol=1e-10)
 
     # With one part gone and one broken those two are computed, with all there no scheduler is asked.
