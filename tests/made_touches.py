@@ -93,9 +93,10 @@ def made(force: np.ndarray, rng: np.random.Generator, jumps: np.ndarray | float 
         model = np.diag((PART * clean) ** 2 + 1e-24)
         calm = np.full(4, each == 0)
         reading = clean * wrong + drifts[-1]
-        found.append(frame(DT * k, reading, model, ReadingDrift(covariance, calm, DT), float(each)))
+        drift = ReadingDrift(*map(jnp.asarray, (covariance, calm, DT)))
+        found.append(frame(DT * k, reading, model, drift, float(each)))
     # The sensors integrate anew.
-    still = ReadingDrift(jnp.zeros((4, 3, 3)), np.ones(4, bool), DT)
+    still = ReadingDrift(jnp.zeros((4, 3, 3)), jnp.ones(4, bool), jnp.asarray(DT))
     found.append(frame(DT * len(force), np.zeros(4), 1e-24 * np.eye(4), still, 0.0))
     return Made(np.append(force, 0.0), np.append(drifts, np.zeros((1, 4)), axis=0), found)
 

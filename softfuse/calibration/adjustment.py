@@ -226,7 +226,7 @@ class Adjustments(eqx.Module):
         """Prior standard deviations (p,)."""
         return jnp.concatenate([jnp.zeros(0), *(group.sigma for group in self.groups)])
 
-    def of_group(self, value: Float[Array | np.ndarray, " p"]) -> list[Float[Array, " g"]]:
+    def of_group(self, value: Float[Array | np.ndarray, " p"]) -> list[Float[Array, " _"]]:
         """The parameters (p,) group by group."""
         ends = np.cumsum([len(group.names) for group in self.groups])[:-1]
         return jnp.split(jnp.asarray(value), ends)

@@ -95,15 +95,15 @@ class Adjustable:
 
         Raises SolveError naming the press that has no equilibrium, where it is needed or none has one.
         """
-        each = (applied.place, applied.force_N, applied.prescribed, applied.press)
         found: dict[int, tuple[np.ndarray, np.ndarray, State]] = {}
 
         def press(samples: Int[np.ndarray, " t"]) -> None:
             before = None
             for i in samples:
                 start = before if near is None else near[i]
+                given = applied.place[i], applied.force_N[i], applied.prescribed[i], applied.press[i]
                 try:
-                    found[i] = self._one(value, tuple(given[i] for given in each), start)
+                    found[i] = self._one(value, given, start)
                     before = found[i][2]
                 except SolveError:
                     if needed:
@@ -119,7 +119,10 @@ class Adjustable:
         return Answer(np.array(reading), np.array(slope), states, np.array(samples))
 
     def _one(
-        self, value: np.ndarray, given: tuple[np.ndarray, ...], start: State | None
+        self,
+        value: np.ndarray,
+        given: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | np.integer],
+        start: State | None,
     ) -> tuple[np.ndarray, np.ndarray, State]:
         rest = self.model.rest_state(jnp.asarray(given[0]))
         for begin in (rest,) if start is None else (start, rest):
@@ -133,7 +136,7 @@ class Adjustable:
         )
 
 
-def _by_press(applied: Applied) -> list[Int[np.ndarray, " t"]]:
+def _by_press(applied: Applied) -> list[Int[np.ndarray, " _"]]:
     """The samples of each press while nothing but its forces changes, in their order."""
     ends = np.zeros(len(applied.press), bool)
     ends[1:] = applied.press[1:] != applied.press[:-1]

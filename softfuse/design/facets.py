@@ -118,6 +118,6 @@ def _points(
 
 @eqx.filter_jit
 def _compiled(
-    shape: CavityShape, values: Float[Array, " v"], directions: Float[np.ndarray, "m 3"]
+    shape: CavityShape, values: Float[Array, " v"], directions: Float[Array | np.ndarray, "m 3"]
 ) -> Float[Array, "m 3"]:
     return shape.points(values, directions)

@@ -35,7 +35,7 @@ class Facing(eqx.Module):
     normal: Float[Array, "m 3"]
 
     @classmethod
-    def of(cls, nodes: Float[np.ndarray, "n 3"], walls: Sequence[Int[np.ndarray, "f c"]]) -> "Facing":
+    def of(cls, nodes: Float[np.ndarray, "n 3"], walls: Sequence[Int[np.ndarray, "_ c"]]) -> "Facing":
         """The pairs on the walls of cavities, faces (f, 3 or more) of nodes (n, 3) m with normals into the
         material: as many as walls have nodes, some of them repeated for nodes that face nothing, so that
         meshes with the same faces have as many.

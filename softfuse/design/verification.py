@@ -43,7 +43,7 @@ class Pressed:
 
 def pressed(
     model: Model,
-    walls: Sequence[Int[np.ndarray, "f c"]],
+    walls: Sequence[Int[np.ndarray, "_ c"]],
     places: Array,
     force_N: float,
     *,

@@ -131,7 +131,7 @@ def _moved(state: State, dz: Float[Array, " n"], dx: Float[Array, " r"]) -> Stat
 
 def _by_place(
     model: Model, places: Float[Array, "c 3 3"], linear: Linearised, settled: State
-) -> tuple[Float[Array, "n 2c"], Float[Array, "r 2c"]]:
+) -> tuple[Float[Array, "n 2*c"], Float[Array, "r 2*c"]]:
     """∂(G_f f)/∂p and −∂E/∂p of places along their tangents."""
 
     def loaded(along):

@@ -119,7 +119,7 @@ class Placed(NamedTuple):
     ambiguous: Bool[np.ndarray, " c"]
 
     @property
-    def variance_m2(self) -> Float[np.ndarray, " 2c"]:
+    def variance_m2(self) -> Float[np.ndarray, " two_c"]:
         """Variances (2 c,) [m²] along the tangents of each contact, one after the other; 0 where unknown."""
         return np.nan_to_num(self.sigma_m.ravel()) ** 2
 
@@ -204,7 +204,7 @@ class PlaceSearch:
         self,
         seen: Seen,
         offset_m: Float[np.ndarray, "c 2"],
-        covariance_m2: Float[np.ndarray, "2c 2c"],
+        covariance_m2: Float[np.ndarray, "2*c 2*c"],
         force_N: Float[np.ndarray, " c"],
     ) -> tuple[Placed, Float[np.ndarray, "c 3 3"]]:
         """Where contacts are, and places (c, 3, 3), after a step to offsets (c, 2) m and forces (c,) N."""

@@ -53,7 +53,7 @@ class PlacePrior(NamedTuple):
     """
 
     offset: Float[Array | np.ndarray, "c 2"]
-    spread: Float[Array | np.ndarray, "2c 2c"]
+    spread: Float[Array | np.ndarray, "2*c 2*c"]
     low: Float[Array | np.ndarray, "c 2"]
     high: Float[Array | np.ndarray, "c 2"]
 

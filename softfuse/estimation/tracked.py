@@ -20,7 +20,7 @@ class Frame:
     raw: Float[np.ndarray, " n"]
 
 
-def along(places: Float[np.ndarray, "c 3 3"], points: Float[np.ndarray, "c 3"]) -> Float[np.ndarray, " 2c"]:
+def along(places: Float[np.ndarray, "c 3 3"], points: Float[np.ndarray, "c 3"]) -> Float[np.ndarray, " 2*c"]:
     """How far points (c, 3) m are along the tangents of places (c, 3, 3), one after the other (2 c,) [m]."""
     return np.einsum("cti,ci->ct", places[:, 1:], points).ravel()
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 
-def direction_of(place: Float[Array, "... 3 3"]) -> Float[Array, "... 3"]:
+def direction_of(place: Float[Array | np.ndarray, "... 3 3"]) -> Float[Array, "... 3"]:
     """The unit vector (..., 3) into the body along which a contact at a place (..., 3, 3) presses."""
     return jnp.cross(place[..., 2, :], place[..., 1, :])
 
@@ -51,7 +51,7 @@ def facing(
 
 def nearest(
     places: Float[np.ndarray, "e 3 3"], place: Float[np.ndarray, "... 3 3"]
-) -> Int[np.ndarray, "..."]:
+) -> Int[np.ndarray | np.int64, "..."]:
     """The number (...) of that of some places (e, 3, 3) whose point is nearest to a place's (..., 3, 3)."""
     away = np.asarray(place)[..., None, 0, :] - places[:, 0]
     return np.argmin(np.sum(away**2, axis=-1), axis=-1)

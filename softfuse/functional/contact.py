@@ -110,7 +110,7 @@ def _squares_near(
     return (i * squares[1] + j)[touched]
 
 
-def _by_square(near: list[Int[np.ndarray, " n"]], squares: int) -> Int[np.ndarray, "q c"]:
+def _by_square(near: list[Int[np.ndarray, " _"]], squares: int) -> Int[np.ndarray, "q c"]:
     """The faces of each square in ascending order, from the squares near each face.
 
     To be as many everywhere the last one is repeated; squares without any name one that is elsewhere.

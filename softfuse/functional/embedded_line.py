@@ -53,7 +53,7 @@ class Polyline:
         piece = np.clip(np.searchsorted(self.arc, arc, side="right") - 1, 0, len(self.arc) - 2)
         return np.diff(self.points, axis=0)[piece] / np.diff(self.arc)[piece][..., None]
 
-    def crossings(self, body: AbstractBody) -> list[Float[np.ndarray, " b"]]:
+    def crossings(self, body: AbstractBody) -> list[Float[np.ndarray, " _"]]:
         """For each straight piece, the arc lengths (b,) m of its ends and of where it passes from element to
         element of a body at rest, in ascending order: with straight edges exactly.
         """

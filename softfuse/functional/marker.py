@@ -47,7 +47,7 @@ class Marker(MaterialFunctional):
                 f"the camera's axes {axes.T.round(4).tolist()} are no right-handed frame of unit vectors: "
                 "give a rotation matrix, its columns the camera's axes"
             )
-        points = MaterialPoints.embedded(body, point, named="marker")
+        points = MaterialPoints.embedded(body, point[None], named="marker")
         return cls(points, jnp.asarray(axes), jnp.asarray(origin, float), tuple(components))
 
     @property

@@ -212,9 +212,9 @@ def nearest_places(body: AbstractBody, points: Float[np.ndarray, "g 3"]) -> Surf
 
 
 def _told_outside(
-    points: Float[np.ndarray, "g 3"], outside: Int[np.ndarray, " o"], found: SurfacePlaces, named: str
+    points: Float[np.ndarray, "p 3"], outside: Int[np.ndarray, " g"], found: SurfacePlaces, named: str
 ) -> str:
-    """What is said of points outside, each with its distance."""
+    """What is said of those of some points that are outside, each with its distance."""
     each = [
         f"{named} {k} at {_mm(points[k])} mm lies outside the body by {1e3 * by:.3g} mm "
         f"(nearest place {_mm(place)} mm)"

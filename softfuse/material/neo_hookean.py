@@ -3,10 +3,11 @@
 Source: Bonet and Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, 2nd ed., eq. 6.27.
 """
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from softfuse.material.base import lame_constants
+from softfuse.material.base import constant, lame_constants
 from softfuse.material.isotropic import AbstractIsotropic, Invariants
 from softfuse.material.yeoh import Yeoh
 
@@ -14,8 +15,8 @@ from softfuse.material.yeoh import Yeoh
 class NeoHookean(AbstractIsotropic):
     """Neo-Hookean law of shear modulus `mu` [Pa] and Lamé's λ `lame` [Pa]."""
 
-    mu: Float[Array, ""]
-    lame: Float[Array, ""]
+    mu: Float[Array, ""] = eqx.field(converter=constant)
+    lame: Float[Array, ""] = eqx.field(converter=constant)
 
     @classmethod
     def from_young(cls, young: float, poisson: float) -> "NeoHookean":

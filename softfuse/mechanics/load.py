@@ -96,7 +96,7 @@ class LinearPorts(AbstractLinearPorts):
         raise SolveError("where forces on linear ports act is not known: use ports of points or of a contact")
 
 
-def force_resultants(at: Float[Array, "g 3"]) -> Float[Array, "6 3g"]:
+def force_resultants(at: Float[Array, "g 3"]) -> Float[Array, "6 3*g"]:
     """Resultants, see `AbstractPorts`, of unit forces along x, y, z at points (g, 3) m."""
     forces = jnp.tile(jnp.eye(3), (len(at), 1))
     return jnp.concatenate([forces, jnp.cross(jnp.repeat(at, 3, axis=0), forces)], axis=1).T

@@ -97,7 +97,7 @@ def frame_ports(contacts: Sequence[Contact], body: AbstractBody) -> PlacePorts:
     )
 
 
-def _axes(y: Float[Array, " 9c"]) -> Float[Array, "c 3 3"]:
+def _axes(y: Float[Array, " nine_c"]) -> Float[Array, "c 3 3"]:
     """Of each patch its normal n, its first tangent made a unit vector t_1, and t_2 = t_1 × n."""
     first = y[y.shape[0] // 3 :].reshape(-1, 2, 3)[:, 0]
     normal = _normals(y)
@@ -105,13 +105,13 @@ def _axes(y: Float[Array, " 9c"]) -> Float[Array, "c 3 3"]:
     return jnp.stack([normal, first, jnp.cross(first, normal)], axis=1)
 
 
-def _positions_first(frames: Float[Array, "... c 9"]) -> Float[Array, "... 9c"]:
+def _positions_first(frames: Float[Array, "... c 9"]) -> Float[Array, "... 9*c"]:
     """All positions, then all tangents, of frames that have both: forces belong to the first ports."""
     lead = frames.shape[:-2]
     return jnp.concatenate([frames[..., :3].reshape(*lead, -1), frames[..., 3:].reshape(*lead, -1)], axis=-1)
 
 
-def _normals(y: Float[Array, " 9c"]) -> Float[Array, "c 3"]:
+def _normals(y: Float[Array, " nine_c"]) -> Float[Array, "c 3"]:
     tangents = y[y.shape[0] // 3 :].reshape(-1, 2, 3)
     across = jnp.cross(tangents[:, 0], tangents[:, 1])
     return across / jnp.linalg.norm(across, axis=1, keepdims=True)

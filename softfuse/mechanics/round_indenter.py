@@ -39,7 +39,7 @@ class Round(eqx.Module):
     met: Bool[Array, " m"]
 
     def gaps(
-        self, y: Float[Array, " 3m"], depth: Float[Array, ""]
+        self, y: Float[Array, " three_m"], depth: Float[Array, ""]
     ) -> tuple[Float[Array, " m"], Float[Array, "m 3"]]:
         """Gaps s (m,) [m] at a depth [m], and the directions (m, 3) in which cells are pushed."""
         away = (y.reshape(-1, 3) - self.middle - depth * self.direction) @ self.across

@@ -57,7 +57,8 @@ def read_mesh(path: str | Path, *, scale: float = 1.0) -> TetMesh:
     path = Path(path)
     raw = _raw(path)
     tags = next((raw.cell_data[name] for name in TAGS if name in raw.cell_data), None)
-    regions = [np.zeros(len(b.data), int) for b in raw.cells] if tags is None else [np.ravel(t) for t in tags]
+    found = [np.zeros(len(b.data)) for b in raw.cells] if tags is None else tags
+    regions = [np.asarray(region, int).ravel() for region in found]
     blocks = [
         Block(block.type, np.asarray(block.data), region)
         for block, region in zip(raw.cells, regions, strict=True)

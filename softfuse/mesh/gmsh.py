@@ -69,7 +69,7 @@ class _Numbers:
         """Whether they are written as text."""
         return bool(self._sep)
 
-    def take(self, dtype: np.dtype, count: int) -> np.ndarray:
+    def take(self, dtype: np.dtype, count: int | np.uint64) -> np.ndarray:
         found = np.fromfile(self._file, dtype, int(count), sep=self._sep)
         if len(found) != count:
             raise ValueError("the file ends too early")

@@ -26,7 +26,7 @@ _CORNERS |= {"hexahedron": 8}
 _SOLIDS = ("tetra", "pyramid", "wedge", "hexahedron")
 
 
-def file_groups(raw: "meshio.Mesh", mesh: TetMesh) -> dict[str, Int[np.ndarray, "e 2"]]:
+def file_groups(raw: "meshio.Mesh", mesh: TetMesh) -> dict[str, Int[np.ndarray, "_ 2"]]:
     """The groups of a file by name as pairs of corners of its mesh, whose nodes have the file's numbers."""
     found: dict[str, list[np.ndarray]] = {}
     for name, block, cells in _cell_groups(raw):

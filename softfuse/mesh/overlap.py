@@ -44,7 +44,7 @@ def outline(of: "Manifold") -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "
 
 
 def nested_parts(
-    nodes: Float[np.ndarray, "n 3"], parts: Sequence[Int[np.ndarray, "f 3"]], volume: Sequence[float]
+    nodes: Float[np.ndarray, "n 3"], parts: Sequence[Int[np.ndarray, "_ 3"]], volume: Sequence[float]
 ) -> tuple[Bool[np.ndarray, "k k"], list[list[int]]]:
     """Whether part k is inside part j, [k, j], and the groups of parts that cross or touch from outside.
 
@@ -84,7 +84,7 @@ def nested_parts(
 
 def united(
     nodes: Float[np.ndarray, "n 3"],
-    parts: Sequence[Int[np.ndarray, "f 3"]],
+    parts: Sequence[Int[np.ndarray, "_ 3"]],
     volume: Sequence[float],
     groups: Sequence[Sequence[int]],
 ) -> tuple[Float[np.ndarray, "n2 3"], Int[np.ndarray, "f2 3"]]:

@@ -36,7 +36,7 @@ class TetMesh:
     nodes: Float[np.ndarray, "n 3"]
     tets: Int[np.ndarray, "m k"]
     region: Int[np.ndarray, " m"]
-    groups: Mapping[str, Int[np.ndarray, "e 2"]] = field(default_factory=dict)
+    groups: Mapping[str, Int[np.ndarray, "_ 2"]] = field(default_factory=dict)
 
     @property
     def order(self) -> int:

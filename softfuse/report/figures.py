@@ -79,7 +79,7 @@ def drift_over_time(
 def location_map(
     location_mm: Float[np.ndarray, "n 2"],
     samples: Samples | None,
-    cavity_outlines_mm: Sequence[Float[np.ndarray, "c 2"]],
+    cavity_outlines_mm: Sequence[Float[np.ndarray, "_ 2"]],
 ) -> "Figure":
     """Estimated locations of all frames seen from above; at the samples, lines lead to the truth."""
     figure = blank(5.2, 5)
@@ -286,8 +286,8 @@ def tried(searches: Mapping[str, Float[np.ndarray, " n"]], name: str, before: fl
 def outlines(
     low_mm: Float[np.ndarray, "3"],
     high_mm: Float[np.ndarray, "3"],
-    before_mm: Sequence[Float[np.ndarray, "m 3"]],
-    after_mm: Sequence[Float[np.ndarray, "m 3"]],
+    before_mm: Sequence[Float[np.ndarray, "_ 3"]],
+    after_mm: Sequence[Float[np.ndarray, "_ 3"]],
 ) -> "Figure":
     """The block between two corners (3,) from above and from two sides, and the outlines of cavities of
     points (m, 3) before, dashed, and after.

@@ -31,15 +31,15 @@ class Truth:
     """What is known of n frames.
 
     `columns`: true values (n,) of columns of an estimate, NaN where a field is empty; `level`, `press` (n,):
-    see above, 0 where unknown; `contact_N`, `place` (n, t): force and number of the named place of t
-    contacts, `NOWHERE` without one; `depth_mm` (n,), None where not known.
+    see above, 0 where unknown; `contact_N` (n, t): forces of t contacts; `place` (n, p): numbers of the
+    named places of those that have some, `NOWHERE` without one; `depth_mm` (n,), None where not known.
     """
 
     columns: Mapping[str, Float[np.ndarray, " n"]]
     level: Int[np.ndarray, " n"]
     press: Int[np.ndarray, " n"]
     contact_N: Float[np.ndarray, "n t"]
-    place: Int[np.ndarray, "n t"]
+    place: Int[np.ndarray, "n p"]
     depth_mm: Float[np.ndarray, " n"] | None
 
     @classmethod

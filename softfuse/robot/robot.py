@@ -117,7 +117,8 @@ class Robot:
     def points(self) -> MaterialPoints:
         """Its named points, none or more; raises ConfigError for one outside the body."""
         with self.settings.told("point"):
-            points, body = np.array([point.at for point in self.settings.points]), self.parts.body
+            points = np.reshape([point.at for point in self.settings.points], (-1, 3))
+            body = self.parts.body
             return MaterialPoints.embedded(body, points, within=surface_tolerance(body))
 
     def centreline(self) -> MaterialPoints | None:

@@ -52,9 +52,9 @@ class ModePoints(eqx.Module):
     """
 
     material: AbstractMaterial
-    gradients: Float[Array, "9k m"]
+    gradients: Float[Array, "nine_k m"]
     pressures: Float[Array, "k b"]
-    by_gradient: Float[Array, "m 9k"]
+    by_gradient: Float[Array, "m nine_k"]
     by_pressure: Float[Array, "b k"]
     volumes: Float[Array, " k"]
     element: Element = eqx.field(static=True)

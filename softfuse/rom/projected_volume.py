@@ -93,11 +93,11 @@ def _projected(cavity: Cavity, body: ReducedBody, reach: Float[np.ndarray, " n"]
 
 @jax.jit
 def _derivatives(
-    cavity: Cavity, rest: Float[Array, "w 3"], walls: Float[Array, "3w r"]
-) -> tuple[Float[Array, " 3w"], Float[Array, "r r"], Float[Array, "r r r"]]:
+    cavity: Cavity, rest: Float[Array, "w 3"], walls: Float[Array, "3*w r"]
+) -> tuple[Float[Array, " 3*w"], Float[Array, "r r"], Float[Array, "r r r"]]:
     """Of the volume at rest: by each node, then of second and third order along the walls' motions."""
 
-    def volume(moved: Float[Array, " 3w"]) -> Float[Array, ""]:
+    def volume(moved: Float[Array, " three_w"]) -> Float[Array, ""]:
         return cavity(rest + moved.reshape(-1, 3))
 
     def along(y: Float[Array, " r"]) -> Float[Array, ""]:

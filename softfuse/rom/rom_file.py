@@ -87,7 +87,7 @@ class Kept(NamedTuple):
     model: Model
     basis: Basis
     telling: tuple[Telling, Telling]
-    nodal: Float[np.ndarray, "3k m"]
+    nodal: Float[np.ndarray, "three_k m"]
 
     def displacement(
         self, z: Float[np.ndarray, " r"], modes: slice | None = None

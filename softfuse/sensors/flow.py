@@ -100,16 +100,17 @@ _ZERO_BOUND, _SLOW_SIGMA, _SLOW_TIME_S, _GAIN_BOUND = 0.6, 0.08, 1800.0, 0.01
 
 
 class FlowFrame(NamedTuple):
-    """What k channels said in a frame: the step to it [s], readings [V], their integral over it [V s], the
-    part of it [s] in which the flow is not known, whether a reading says the flow, and whether it is clipped.
+    """What k channels said in a frame, or in each of n: the step to it [s], readings [V], their integral over
+    it [V s], the part of it [s] in which the flow is not known, whether a reading says the flow, and whether
+    it is clipped.
     """
 
-    dt_s: Float[Array, ""]
-    reading_V: Float[Array, " k"]
-    area_Vs: Float[Array, " k"]
-    lost_s: Float[Array, " k"]
-    usable: Bool[Array, " k"]
-    saturated: Bool[Array, " k"]
+    dt_s: Float[Array, "*n"]
+    reading_V: Float[Array, "*n k"]
+    area_Vs: Float[Array, "*n k"]
+    lost_s: Float[Array, "*n k"]
+    usable: Bool[Array, "*n k"]
+    saturated: Bool[Array, "*n k"]
 
 
 class FlowState(eqx.Module):

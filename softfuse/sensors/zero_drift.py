@@ -20,7 +20,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Num
 
 
 class ZeroDrift(eqx.Module):
@@ -64,7 +64,7 @@ def zero_prior(model: ZeroDrift, nominal_V: Float[Array, " k"]) -> ZeroEstimate:
 
 
 def zero_transition(
-    model: ZeroDrift, dt_s: Float[Array, ""], samples: Float[Array, ""]
+    model: ZeroDrift, dt_s: Float[Array, ""], samples: Num[Array, ""]
 ) -> tuple[Float[Array, "3 3"], Float[Array, "3 3"]]:
     """How (bias [V], wander [V], integral's error [V s]) go on over dt_s.
 
@@ -102,7 +102,7 @@ def zero_transition(
 
 
 def predict_zero(
-    model: ZeroDrift, estimate: ZeroEstimate, dt_s: Float[Array, ""], samples: Float[Array, ""]
+    model: ZeroDrift, estimate: ZeroEstimate, dt_s: Float[Array, ""], samples: Num[Array, ""]
 ) -> tuple[ZeroEstimate, Float[Array, " k"]]:
     """Advance by dt_s and integrate the predicted zero; arguments as those of `zero_transition`.
 
@@ -203,5 +203,5 @@ class DriftModel(eqx.Module):
 
 
 @jax.jit
-def _transition(zero: ZeroDrift, dt_s: Float[Array, ""], samples: Float[Array, ""]) -> tuple[Array, Array]:
+def _transition(zero: ZeroDrift, dt_s: Float[Array, ""], samples: Num[Array, ""]) -> tuple[Array, Array]:
     return jax.vmap(zero_transition, (0, None, None))(zero, dt_s, samples)

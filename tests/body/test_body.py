@@ -38,7 +38,7 @@ def test_weight_of_two_regions(name, irregular) -> None:
                 corner,
                 element=element,
                 densities=(1070.0, 7800.0),
-                gravity=gravity,
+                gravity=gravity.tolist(),
             )
             for corner in held
         )

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -22,8 +23,8 @@ def pressed(rng: np.random.Generator, presses: int, spread: float, part: float =
     """Three samples a press, alike, off by `spread` of what is promised, and by a part of their dents."""
     location = np.repeat(rng.uniform(-0.028, 0.028, (presses, 2)), 3, axis=0)
     shift, turn, stretch = POSE[:2], POSE[2], np.exp(POSE[3:])
-    pose = ArrayPose(shift, np.asarray(turn), stretch, np.ones(()), np.zeros(()))
-    true = np.array([pose.on_body(each) for each in location])
+    pose = ArrayPose(*map(jnp.asarray, (shift, turn, stretch, 1.0, 0.0)))
+    true = np.array([pose.on_body(each) for each in jnp.asarray(location)])
     alike = np.repeat(rng.normal(size=(presses, 2)), 3, axis=0)
     own = rng.normal(size=location.shape)
     dent = np.tile(DENT, presses)
@@ -85,10 +86,9 @@ def test_priors_of_0_leave_the_array_where_it_is_drawn() -> None:
 
 
 def test_a_pose_turns_and_stretches_places_and_their_spread() -> None:
-    pose = ArrayPose(
-        np.array([1e-3, 2e-3]), np.asarray(np.pi / 2), np.array([1.1, 0.9]), np.asarray(2.0), np.asarray(0.1)
-    )
-    np.testing.assert_allclose(pose.on_body(np.array([0.01, 0.02])), [1e-3 - 0.018, 2e-3 + 0.011], atol=1e-12)
+    pose = ArrayPose(*map(jnp.asarray, ([1e-3, 2e-3], np.pi / 2, [1.1, 0.9], 2.0, 0.1)))
+    at = pose.on_body(jnp.array([0.01, 0.02]))
+    np.testing.assert_allclose(at, [1e-3 - 0.018, 2e-3 + 0.011], atol=1e-12)
     promised = 4 * np.diag([0.81 * 4, 1.21])
     for widening, dent, spread in (
         (1.0, 0.0, promised),
@@ -97,7 +97,7 @@ def test_a_pose_turns_and_stretches_places_and_their_spread() -> None:
         (5.0, 3.0, 5.0 / 4.0 * promised),
         (5.0, 100.0, promised + 100.0 * np.eye(2)),
     ):
-        found = pose.spread(widening * np.diag([1.0, 4.0]), np.asarray(widening), np.asarray(dent))
+        found = pose.spread(widening * jnp.diag(jnp.array([1.0, 4.0])), *map(jnp.asarray, (widening, dent)))
         np.testing.assert_allclose(found, spread, atol=1e-12)
     drawn = PoseSettings().pose()
-    assert drawn.on_body(np.array([0.01, -0.02])) == pytest.approx([0.01, -0.02])
+    assert drawn.on_body(jnp.array([0.01, -0.02])) == pytest.approx([0.01, -0.02])

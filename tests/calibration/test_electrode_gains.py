@@ -36,7 +36,7 @@ def pressed(rng: np.random.Generator, presses: int, gain: np.ndarray, pose: np.n
     signal = np.asarray(signal) * np.exp(gain)
     alike = np.repeat(rng.normal(size=(presses, 16)), 3, axis=0)
     own = rng.normal(size=signal.shape)
-    missed = MODEL.model_error * signal.max(axis=1, keepdims=True)
+    missed = float(MODEL.model_error) * signal.max(axis=1, keepdims=True)
     signal = signal + missed * (np.sqrt(0.98) * alike + np.sqrt(0.02) * own)
     signal = signal + rng.normal(0.0, MODEL.noise_counts, signal.shape)
     return LineSignals(place, signal, np.ones(signal.shape, bool), np.repeat(np.arange(presses), 3))

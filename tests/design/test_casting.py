@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -52,7 +53,7 @@ def test_turned_and_round_cavities_have_the_volumes_of_dense_surfaces(layout_lik
     for layout, theta in ((twins, changed), (layout_like(Superellipsoid(), roundness=0.6), None)):
         theta = layout.start if theta is None else theta
         directions, faces = cube_sphere(120)
-        dense = layout.points(theta, [directions] * 2)
+        dense = layout.points(jnp.asarray(theta), [directions] * 2)
         for solid, points in zip(cavity_solids(layout, theta, 5e-6), dense, strict=True):
             assert solid.volume() == pytest.approx(enclosed_volume(np.asarray(points), faces), rel=1e-3)
 

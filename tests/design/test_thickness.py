@@ -112,7 +112,7 @@ def test_aligned_boxes_are_found_apart_and_overlapping() -> None:
         x = 0.01 + gap
         second = shape(RoundedBox(), (x, 0.001, 0.0105), (0.005, 0.004, 0.003), (0, 0, 0), (0.001,))
         layout = layout_of(first, second)
-        assert wall_thicknesses(layout, layout.start)[-1] == pytest.approx(gap, abs=1e-9)
+        assert wall_thicknesses(layout, jnp.asarray(layout.start))[-1] == pytest.approx(gap, abs=1e-9)
 
 
 @pytest.mark.slow
@@ -122,9 +122,10 @@ def test_a_hull_makes_walls_thinner_not_thicker() -> None:
     waist[2] = 0.15
     dumb = shape(FreeForm(Superellipsoid(), 2), (0, 0, 0.01), (0.004,) * 3, (0, 0, 0), (1.0, *waist))
     layout = layout_of(dumb, BALL)
-    thick = np.asarray(wall_thicknesses(layout, layout.start))
+    start = jnp.asarray(layout.start)
+    thick = np.asarray(wall_thicknesses(layout, start))
     directions, _ = cube_sphere(120)
-    points = [np.asarray(p) for p in layout.points(jnp.asarray(layout.start), [directions] * 2)]
+    points = [np.asarray(p) for p in layout.points(start, [directions] * 2)]
     true = cKDTree(points[0]).query(points[1])[0].min()
     assert true - 3e-3 < thick[-1] <= true + 1e-5
 
@@ -139,4 +140,4 @@ def test_bodies_may_be_the_users_own() -> None:
 
 def test_slack_is_the_room_for_fillets() -> None:
     layout = layout_of(BOX, BALL)
-    np.testing.assert_allclose(slacks(layout, layout.start), [0.008, 0.005, 0.002], rtol=1e-12)
+    np.testing.assert_allclose(slacks(layout, jnp.asarray(layout.start)), [0.008, 0.005, 0.002], rtol=1e-12)

@@ -81,7 +81,7 @@ def parts(beam) -> dict[str, MaterialFunctional]:
         "rotation": PatchRotation.of(body, POINT, 0.003, mounting=turn),
         "line": EmbeddedLine.of(body, LINE, stations=[0, 1, 2]),
         "sheet": EmbeddedSheet.of(body, POINT, edges),
-        "curvature": Curvature.of(body, LINE[[0, 2]], np.array([0.012, 0.03]), 0.01, np.array([0, 1, 0])),
+        "curvature": Curvature.of(body, LINE[[0, 2]], np.array([0.012, 0.03]), 0.01, np.eye(3)[1]),
     }
 
 
@@ -214,7 +214,7 @@ def test_cores_of_a_bent_fibre_are_strained_as_gratings_say(beam, box) -> None:
     x = middle * stretch / kappa + y[:, None] * e + z[:, None] * section[1]
     displacement = jnp.asarray(x - rest)
     ends = np.array([[0.005, 0.01, 0.01], [0.055, 0.01, 0.01]])
-    fibre = Curvature.of(body, ends, np.array([0.02, 0.03]), 0.01, np.array([0.0, 1.0, 0.0]))
+    fibre = Curvature.of(body, ends, np.array([0.02, 0.03]), 0.01, np.eye(3)[1])
     found = np.asarray(_at(fibre, body.rest, displacement)).reshape(2, 3)
     # Per length at rest the direction turns by κ; its own plane is at `plane` from the first axis.
     expected = [stretch - 1, kappa * np.cos(plane), kappa * np.sin(plane)]
@@ -230,7 +230,7 @@ def test_cores_of_a_bent_fibre_are_strained_as_gratings_say(beam, box) -> None:
 
 def test_gauges_that_leave_the_curve_are_told(beam) -> None:
     with pytest.raises(MeshError, match="station 1 at 2 mm .* move it by 3 mm or more"):
-        Curvature.of(beam, LINE, np.array([0.02, 0.002]), 0.01, np.array([0, 1, 0]))
+        Curvature.of(beam, LINE, np.array([0.02, 0.002]), 0.01, np.eye(3)[1])
 
 
 @pytest.mark.parametrize("vector", [[0.3, -0.2, 0.9], [0.0, 3.0, 0.4]])

@@ -20,6 +20,7 @@ from softfuse.functional.chart import facing
 from softfuse.functional.contact import Contact, ContactSurface
 from softfuse.functional.pressure_cells import flat_punch
 from softfuse.mechanics import LinearPorts, Loads, Punch
+from softfuse.mechanics.held_loads import HeldLoads
 from softfuse.mechanics.interface import settle
 from softfuse.mechanics.model import simulate
 
@@ -34,11 +35,12 @@ class Found(NamedTuple):
     found: bool
 
 
-def _discs(layers) -> Loads:
+def _discs(layers) -> HeldLoads:
     """Discs with layers (c, m) m/N under their cells; of the body only its compliance matters here."""
     m = layers.shape[1]
     ports = LinearPorts(jnp.zeros(m), jnp.zeros((1, m)))
-    return Loads(tuple(Punch(ports, jnp.asarray(layer), jnp.asarray(GAMMA)) for layer in layers))
+    loads = Loads(tuple(Punch(ports, jnp.asarray(layer), jnp.asarray(GAMMA)) for layer in layers))
+    return HeldLoads(loads, jnp.zeros(layers.size))
 
 
 @eqx.filter_jit

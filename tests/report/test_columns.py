@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -52,7 +53,7 @@ def tracked(robot: Robot, **changed) -> Tracked:
 
 def told(columns: Columns, robot: Robot, now: Tracked) -> dict[str, float | str]:
     """The values by the columns' names, in the state at rest."""
-    values = columns.read(Estimate(now, None, robot.model.rest_state(now.places)))
+    values = columns.read(Estimate(now, None, robot.model.rest_state(jnp.asarray(now.places))))
     return dict(zip((column.name for column in columns.columns), values, strict=True))
 
 
@@ -108,13 +109,13 @@ def test_a_shape_that_was_lost_is_not_told(columns: Columns, robot: Robot) -> No
     now = tracked(robot, statuses=(Status.inverted,))
     said = told(columns, robot, now)
     assert np.isnan([said["p0_x_mm"], said["palm_mm"], said["tip_bend_deg"]]).all()
-    places, forces = columns.contacts(Estimate(now, None, robot.model.rest_state(now.places)))
+    places, forces = columns.contacts(Estimate(now, None, robot.model.rest_state(jnp.asarray(now.places))))
     assert np.isnan(places).all() and np.isnan(forces).all()
 
 
 def test_forces_press_into_the_body(columns: Columns, robot: Robot) -> None:
     now = tracked(robot)
-    places, forces = columns.contacts(Estimate(now, None, robot.model.rest_state(now.places)))
+    places, forces = columns.contacts(Estimate(now, None, robot.model.rest_state(jnp.asarray(now.places))))
     np.testing.assert_allclose(places, 1e-3 * np.array([[108, 10, 10], [12, 0, 0]]), atol=1e-9)
     np.testing.assert_allclose(forces, [[0, -3, 0], [0, 0, 1]], atol=1e-9)
 

@@ -1,5 +1,6 @@
 """A small block with everything that sensors may be attached to."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -23,7 +24,7 @@ def parts() -> Parts:
     geometry = PadGeometry(size, (26 * MM, 28 * MM, 6 * MM), ((-17 * MM, 0.0), (17 * MM, 0.0)), 6 * MM)
     mesh = mesh_for(LINEAR, pad_mesh(geometry, 40 * MM, 40 * MM))
     body = Body.from_mesh(mesh, [NeoHookean.from_young(0.6e6, 0.3)], mesh.nodes[:, 2] < 1e-9, element=LINEAR)
-    left, right = (Cavity(wall.faces) for wall in cavities(mesh, geometry.centres()))
+    left, right = (Cavity(jnp.asarray(wall.faces)) for wall in cavities(mesh, geometry.centres()))
     low, high = np.array([[-32.0, -18.0], [32.0, 18.0]]) * MM
     down = FlatChart.along(np.array([0.0, 0.0, -1.0]))
     return Parts(

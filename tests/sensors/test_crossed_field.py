@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax.numpy as jnp
 import numpy as np
 
 from softfuse.sensors.crossed.diamond_array import array_points, array_response
@@ -34,12 +35,12 @@ def test_the_field_converges() -> None:
 def test_the_field_peaks_where_the_estimators_own_model_does() -> None:
     """Two independent models of one experiment: charges under a grounded cylinder."""
     field = ArrayField(LINES, FINE)
-    own = np.array(PITCH)
-    points = array_points(own, own, 0.0005, 0.0)
-    depth = np.repeat([1.5e-3, 1.0e-3], 8)
+    own = jnp.array(PITCH)
+    points = array_points(own, own, jnp.asarray(0.0005), jnp.asarray(0.0))
+    depth = jnp.repeat(jnp.array([1.5e-3, 1.0e-3]), 8)
     for at in ((13.4e-3, -5.1e-3), (0.0, 0.0), (24e-3, 24e-3)):
         signal = field.lines(at, 0.0) - field.alone
-        asked = array_response(points, np.array(at), 10e-3, depth)
+        asked = array_response(points, jnp.array(at), jnp.asarray(10e-3), depth)
         for lines in (slice(0, 8), slice(8, 16)):
             model = np.stack([np.asarray(asked[lines]), np.ones(8)], axis=1)
             fitted, *_ = np.linalg.lstsq(model, signal[lines], rcond=None)

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from made_sensors import chambered, raw_of
@@ -44,7 +45,7 @@ def test_outputs_are_those_of_the_data_sheets(part: str, kPa: float, output: flo
     sensor = settings.sensor(chambered(settings.chambers, drive=0))
     reference = sensor.reference
     assert float(raw_of(sensor, np.array([1e3 * kPa]), reference)[0]) == pytest.approx(output, rel=1e-9)
-    assert float(sensor.pressure_of(np.array([output]), reference)[0]) == pytest.approx(1e3 * kPa)
+    assert float(sensor.pressure_of(jnp.array([output]), reference)[0]) == pytest.approx(1e3 * kPa)
     low, high = settings.range
     ends = np.asarray(raw_of(sensor, np.array([low, high]), reference))
     # The whole range can be read.

@@ -84,7 +84,7 @@ class LayoutMesh(eqx.Module):
     corners: Float[np.ndarray, "k 2 3"]
     boxes: Float[Array, "n 3"]
     wall: Int[Array, " w"]
-    directions: tuple[Float[Array, "w 3"], ...]
+    directions: tuple[Float[Array, "_ 3"], ...]
     ends: Int[Array, "w 2"]
     curving: Float[Array, " w"]
     grown: Float[Array, " k"]
@@ -234,7 +234,10 @@ def _aligned(boxes: Float[np.ndarray, "k 2 3"], apart: float) -> Float[np.ndarra
 
 @eqx.filter_jit
 def _nearest(
-    shape: CavityShape, values: Float[Array, " v"], nodes: Float[Array, "w 3"], box: Float[np.ndarray, "2 3"]
+    shape: CavityShape,
+    values: Float[Array, " v"],
+    nodes: Float[Array, "w 3"],
+    box: Float[Array | np.ndarray, "2 3"],
 ) -> Float[Array, "w 3"]:
     """Directions (w, 3) of the cavity's points that are nearest to where nodes (w, 3) m on the wall of its
     box are when this is enlarged so that it holds the cavity, both as they are without a turn.

@@ -215,9 +215,9 @@ def _cylinder(settings: FieldSettings) -> tuple[Float[np.ndarray, "t 3"], Float[
 
 
 def square_potential(
-    offset: Float[np.ndarray, "*n 3"], side: Float[np.ndarray, "*n"], permittivity: float
+    offset: Float[np.ndarray, "*n 3"], side: Float[np.ndarray, "*#n"], permittivity: float
 ) -> Float[np.ndarray, "*n"]:
-    """Potential (*n) [V/C] at offsets (*n, 3) m from the middles of squares of sides (*n) m.
+    """Potential (*n) [V/C] at offsets (*n, 3) m from the middles of squares of sides (*n) m, or alike ones.
 
     Squares lie across z, their sides along x and y; permittivity in F/m.
     """

@@ -62,17 +62,17 @@ class Known(eqx.Module):
 
 
 class Guess(eqx.Module):
-    """What n slots are taken to hold, while their unknowns are sought."""
+    """What n slots, or one, are taken to hold, while their unknowns are sought."""
 
-    there: Bool[Array, " n"]
+    there: Bool[Array, "*n"]
     """(n,) a source is in the slot."""
-    contact: Bool[Array, " n"]
+    contact: Bool[Array, "*n"]
     """(n,) in contact."""
-    held: Float[Array, " n"]
+    held: Float[Array, "*n"]
     """(n,) its shielding in contact."""
-    expected: Bool[Array, " n"]
+    expected: Bool[Array, "*n"]
     """(n,) it should be where it was expected."""
-    stays: Bool[Array, " n"]
+    stays: Bool[Array, "*n"]
     """(n,) it should be where it was set down instead."""
 
 

@@ -45,14 +45,14 @@ from softfuse.sensors.tare import Tare, TareState, tare_init, tare_known, tare_u
 
 
 class PressureFrame(NamedTuple):
-    """What k channels said in a frame: the step to it [s], pressures [Pa], whether these are readings, and
-    whether the part can measure what is there.
+    """What k channels said in a frame, or in each of n: the step to it [s], pressures [Pa], whether these are
+    readings, and whether the part can measure what is there.
     """
 
-    dt_s: Float[Array, ""]
-    pressure_Pa: Float[Array, " k"]
-    usable: Bool[Array, " k"]
-    in_range: Bool[Array, " k"]
+    dt_s: Float[Array, "*n"]
+    pressure_Pa: Float[Array, "*n k"]
+    usable: Bool[Array, "*n k"]
+    in_range: Bool[Array, "*n k"]
 
 
 class PressureState(eqx.Module):
@@ -301,9 +301,9 @@ class GaugePressure(AbstractSensor):
 
 def volume_change_of(
     gauge_Pa: Float[Array, " *k"],
-    volume_m3: Float[Array, " *k"],
-    atmosphere_Pa: float | Float[Array, " *k"],
-    exponent: float | Float[Array, " *k"] = 1.0,
+    volume_m3: Float[Array, " *#k"],
+    atmosphere_Pa: float | Float[Array, " *#k"],
+    exponent: float | Float[Array, " *#k"] = 1.0,
 ) -> Float[Array, " *k"]:
     """Volume change [m^3] of sealed gas whose pressure has changed.
 

@@ -7,6 +7,7 @@ what must come out is known.
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from made_sensors import d6f_p0001a1
@@ -278,8 +279,8 @@ def test_readings_that_do_not_drift_tell_of_the_force_all_the_same() -> None:
         row = np.array([[slope if force > 0 else 0.0, 0.01]])
         wide = np.append(np.append(evidence.compliance, np.zeros((4, 1)), axis=1), row, axis=0)
         told = ReadingDrift(
-            np.append(evidence.drift.covariance, np.zeros((1, 3, 3)), axis=0),
-            np.append(evidence.drift.calm, False),
+            jnp.append(evidence.drift.covariance, jnp.zeros((1, 3, 3)), axis=0),
+            jnp.append(evidence.drift.calm, False),
             evidence.drift.period_s,
         )
         more = replace(
