@@ -6,8 +6,6 @@ x_k − c across the cylinder's axis (all of it, for a sphere) and the gap s_k =
 mean of |ρ| over the cell at rest is above its value at the mean position, a cell is pushed by f_k = λ_k
 ρ_k/|ρ_k|, 0 ≤ λ_k ⊥ s_k ≥ 0. Driven by force, Σ d · f_k = F determines the depth, which counts from where the
 indenter first touches the body at rest. Cells slide over the indenter, so that large depths are exact too.
-Behind its middle it goes on as a shaft of its own width, towards whoever pushes: a step of the search that
-carries a cell past the middle must not end where it pushes the indenter out.
 Source of what it is checked against: Johnson, Contact Mechanics, 1985, ch. 4.
 """
 
@@ -43,8 +41,6 @@ class Round(eqx.Module):
     ) -> tuple[Float[Array, " m"], Float[Array, "m 3"]]:
         """Gaps s (m,) [m] at a depth [m], and the directions (m, 3) in which cells are pushed."""
         away = (y.reshape(-1, 3) - self.middle - depth * self.direction) @ self.across
-        # Behind it is its shaft.
-        away = away - jnp.minimum(away @ self.direction, 0.0)[:, None] * self.direction
         apart = jnp.linalg.norm(away, axis=1)
         return apart - self.radius + self.spread, away / apart[:, None]
 

@@ -28,7 +28,6 @@ from softfuse.mechanics.indenters import (
     SurfacePatches,
 )
 from softfuse.mechanics.interface import settle
-from softfuse.mechanics.round_indenter import Round
 from softfuse.mechanics.solution import RESULTS
 from softfuse.mesh.surface import boundary_faces
 
@@ -240,22 +239,6 @@ def test_patches_stand_along_the_first_tangent(block) -> None:
 
 
 @pytest.mark.slow
-def test_nothing_behind_its_middle_pushes_an_indenter_out() -> None:
-    """A coarse mesh gave an equilibrium of -21 N so, one step of the search having carried cells past it."""
-    sphere = Round(
-        middle=jnp.array([0.0, 0.0, 5e-3]),
-        direction=jnp.array([0.0, 0.0, -1.0]),
-        across=jnp.eye(3),
-        radius=jnp.array(5e-3),
-        spread=jnp.zeros(3),
-        met=jnp.ones(3, bool),
-    )
-    ahead, level, behind = [0.0, 0.0, 1e-3], [4e-3, 0.0, 4e-3], [3e-3, 0.0, 9e-3]
-    gap, pushed = sphere.gaps(jnp.array([*ahead, *level, *behind]), jnp.array(1e-3))
-    np.testing.assert_allclose(gap, [-2e-3, -1e-3, -2e-3], atol=1e-12)
-    np.testing.assert_allclose(pushed, [[0, 0, -1], [1, 0, 0], [1, 0, 0]], atol=1e-12)
-
-
 def test_a_sphere_sinks_deep_into_a_body(box) -> None:
     """Half a radius deep, where cells slide and forces turn: no cell is inside the sphere, none pulls, and
     the force that it takes drives it as deep again.
