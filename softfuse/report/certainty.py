@@ -124,12 +124,20 @@ def certainty(
         spread = grid.spread(answer, found.covariance)
         posterior = {name: getattr(found, name) for name in ("value", "covariance", "prior_sigma")}
         write_spread(path, spread, names=np.array(found.names), **posterior)
-        told = {
-            ("estimator", "model_error"): float(f"{part:.4g}"),
-            ("estimator", "reading_spread"): path.name,
-        }
-        return {**edits, **told}, electrodes
+        return {**edits, **error_edits(settings, part, path.name)}, electrodes
     return {**edits, **_overall(fitted, answer, found)}, electrodes
+
+
+def error_edits(settings: RobotSettings, part: float, spread: str) -> Edits:
+    """Settings by which a robot's model is as wrong as presses have told: by a part of each reading, and by
+    the file of what is not known of its parameters. What sensors say of that by themselves was a guess.
+    """
+    guesses = [number for number, sensor in enumerate(settings.sensors) if sensor.errs_with_model]
+    return {
+        **{("sensor", number, "model_error"): 0.0 for number in guesses},
+        ("estimator", "model_error"): float(f"{part:.4g}"),
+        ("estimator", "reading_spread"): spread,
+    }
 
 
 def _overall(fitted: Fitted, answer: Answer, found: Fit) -> Edits:

@@ -1,8 +1,13 @@
 """Which further presses are looked at."""
 
+from pathlib import Path
+
 import numpy as np
 
-from softfuse.report.certainty import least_and_most
+from softfuse.report.certainty import error_edits, least_and_most
+from softfuse.robot.file import load, save_edited
+
+CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 def test_actuators_are_as_they_were_in_one_sample() -> None:
@@ -16,3 +21,21 @@ def test_actuators_are_as_they_were_in_one_sample() -> None:
 def test_one_sample_says_all_where_nothing_moves() -> None:
     assert least_and_most(np.full((4, 2), 101325.0)).tolist() == [0]
     assert least_and_most(np.zeros((3, 0))).tolist() == [0]
+
+
+def test_the_model_error_that_presses_tell_is_counted_once(tmp_path: Path) -> None:
+    """A sealed pad's own guess of 5 % of each pressure beside the 2 % that were found made forces as unsure
+    as if nobody had calibrated it.
+    """
+    drawn = load(CONFIGS / "pad_sealed.toml")
+    assert drawn.sensors[0].model_error == 0.05
+    edits = error_edits(drawn, 0.019934, "fitted.npz")
+    (tmp_path / "fitted.npz").touch()
+    fitted = save_edited(CONFIGS / "pad_sealed.toml", tmp_path / "fitted.toml", edits)
+    assert fitted.sensors[0].model_error == 0.0 and fitted.estimator.model_error == 0.01993
+    # Of what sees contacts by itself the error is its own, and a vent's reading has none.
+    assert fitted.sensors[1] == drawn.sensors[1]
+    assert set(error_edits(load(CONFIGS / "pad.toml"), 0.02, "fitted.npz")) == {
+        ("estimator", "model_error"),
+        ("estimator", "reading_spread"),
+    }
