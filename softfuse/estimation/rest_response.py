@@ -194,7 +194,7 @@ def push_response(
     Places are solved for in blocks, and only for their own ports: the actuators' are the same for all.
     """
     alone = replace(model, contacts=(model.kinds(slot + 1)[slot],), slots=())
-    return _pushed(alone, places, _attached(Loads(model.actuators), state))
+    return _pushed(alone, places, state.of_last(Loads(model.actuators)))
 
 
 @eqx.filter_jit
@@ -228,14 +228,3 @@ def _pushed(alone: Model, places: Float[Array, "s 3 3"], held: State) -> Float[A
     number = np.minimum(np.arange(-(-s // count) * count), s - 1).reshape(-1, count)
     found = jax.lax.map(block, places[number])
     return found.reshape(-1, found.shape[-1])[:s]
-
-
-def _attached(attached: Loads, state: State) -> State:
-    """What of a state, in which contacts come first, is the body's and that of what is attached."""
-    sizes = attached.sizes
-    each = (
-        (state.force, sizes.forces),
-        (state.internal, sizes.internal),
-        (state.drive, sizes.drives),
-    )
-    return State(state.z, *(vector[len(vector) - count :] for vector, count in each))

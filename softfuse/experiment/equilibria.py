@@ -139,12 +139,12 @@ class RobotSolver:
         state = _touching(model, places, state)
         for gap in self.gaps[1:]:
             pose(model, state, np.full(len(touches), gap), level)
-        depth = self._depths(model, state, touches)
+        depth = np.asarray(model.depths(places, state))
         for forces in zip(*(touch.forces for touch in touches), strict=True):
             to = state.drive.at[: len(touches)].set(jnp.array(forces))
             where = f"{episode}: under {', '.join(f'{force:.3g}' for force in forces)} N"
             state = self._found(model, places, to, state, where)
-            sunk = self._depths(model, state, touches) - depth
+            sunk = np.asarray(model.depths(places, state)) - depth
             pose(model, state, -sunk, np.array(forces), held=True)
             done()
         return stacked(poses)
@@ -232,12 +232,6 @@ class RobotSolver:
             )
         log.info("%s: %d iterations", where, int(found.stats.newton_iterations))
         return found.state
-
-    def _depths(self, model: Model, state: State, touches: Sequence[Touch]) -> Float[np.ndarray, " t"]:
-        """How far each has sunk in (t,) [m], from a number of its own."""
-        loads = model.loads(self._places(touches))
-        answers = loads.conjugate(state.force, state.internal, loads.values(model.body, state.z))
-        return np.asarray(answers[: len(touches)])
 
     def nodes(self, state: State) -> Float[np.ndarray, "k 3"]:
         """Where all nodes (k, 3) are in a state [m]."""

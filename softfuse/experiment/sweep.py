@@ -25,7 +25,7 @@ from softfuse.io.result_folder import claim, put_in_place, writing
 from softfuse.mechanics.model import Model
 from softfuse.robot.digest import digest
 from softfuse.robot.file import parse
-from softfuse.robot.names import safe_name, safe_names
+from softfuse.robot.names import numbered, safe_names
 from softfuse.robot.press_plan import SweepPlan
 from softfuse.robot.press_series import (
     Driven,
@@ -80,10 +80,12 @@ class SweepTable:
     def __init__(self, config: RobotSettings, swept: "Swept"):
         """Its columns."""
         self._swept = swept
-        self._given = self._actuated(config, given=True)
-        self._readings = [*self._actuated(config, given=False), *_volumes(config), *_pressures(config)]
-        contact = None if not swept.contacts else config.contact(swept.contact)
-        self._names = [] if contact is None else _numbered(safe_name(contact.name), swept.contacts)
+        safe = safe_names(each.name for each in (*config.cables, *config.chambers))
+        self._given = self._actuated(safe, given=True)
+        self._readings = [*self._actuated(safe, given=False), *_enclosed(config, safe)]
+        called = safe_names(each.name for each in config.contacts)
+        contact = called[config.contact(swept.contact).name] if swept.contacts else ""
+        self._names = numbered(contact, swept.contacts)
         self._axes = swept.axes
         self.columns: tuple[SweepColumn, ...] = (
             SweepColumn("case", "integer", "number of the case, from 0"),
@@ -136,11 +138,10 @@ class SweepTable:
             SweepColumn(f"{name}_depth_mm", "number", "how far it has sunk in"),
         ]
 
-    def _actuated(self, config: RobotSettings, *, given: bool) -> list[tuple[SweepColumn, float]]:
-        """Of each actuator what is given, or of each cable what answers that, and how many of its unit are
-        one in SI.
+    def _actuated(self, safe: Mapping[str, str], *, given: bool) -> list[tuple[SweepColumn, float]]:
+        """Of each actuator what is given, or of each cable what answers that, by safe names, and how many of
+        its unit are one in SI.
         """
-        safe = safe_names(each.name for each in (*config.cables, *config.chambers))
         columns = []
         for name, what in self._swept.driven:
             if what == "pressure" and not given:
@@ -152,26 +153,20 @@ class SweepTable:
         return columns
 
 
-def _numbered(name: str, count: int) -> list[str]:
-    """What each of so many contacts of a name is called, as of an estimate."""
-    return [name] if count == 1 else [f"{name}{k}" for k in range(count)]
-
-
-def _volumes(config: RobotSettings) -> list[tuple[SweepColumn, float]]:
-    safe = safe_names(each.name for each in (*config.cables, *config.chambers))
-    return [
-        (SweepColumn(f"{safe[chamber.name]}_mm3", "number", f'volume change of "{chamber.name}"'), 1e9)
-        for chamber in config.chambers
+def _enclosed(config: RobotSettings, safe: Mapping[str, str]) -> list[tuple[SweepColumn, float]]:
+    """Of each chamber the change of its volume, then of each that is sealed the pressure in it; by safe
+    names.
+    """
+    volumes = [
+        (SweepColumn(f"{safe[each.name]}_mm3", "number", f'volume change of "{each.name}"'), 1e9)
+        for each in config.chambers
     ]
-
-
-def _pressures(config: RobotSettings) -> list[tuple[SweepColumn, float]]:
-    safe = safe_names(each.name for each in (*config.cables, *config.chambers))
-    return [
-        (SweepColumn(f"{safe[chamber.name]}_Pa", "number", f'gauge pressure in "{chamber.name}"'), 1.0)
-        for chamber in config.chambers
-        if chamber.gas == "sealed"
+    pressures = [
+        (SweepColumn(f"{safe[each.name]}_Pa", "number", f'gauge pressure in "{each.name}"'), 1.0)
+        for each in config.chambers
+        if each.gas == "sealed"
     ]
+    return [*volumes, *pressures]
 
 
 def _known(value: float) -> float | None:

@@ -31,17 +31,15 @@ class Equilibrium(NamedTuple):
     @property
     def drives(self) -> Float[Array, " a"]:
         """What the actuators are driven with (a,)."""
-        return self.state.drive[self.state.drive.shape[0] - self.actuators.sizes.drives :]
+        return self.state.of_last(self.actuators).drive
 
     @property
     def answers(self) -> Float[Array, " a"]:
         """What answers the actuators' drives (a,), see `AbstractLoad.conjugate`."""
         if not self.actuators.parts:
             return jnp.zeros(0)
-        sizes, state = self.actuators.sizes, self.state
-        force = state.force[state.force.shape[0] - sizes.forces :]
-        internal = state.internal[state.internal.shape[0] - sizes.internal :]
-        return self.actuators.conjugate(force, internal, self.actuators.values(self.body, state.z))
+        own = self.state.of_last(self.actuators)
+        return self.actuators.conjugate(own.force, own.internal, self.actuators.values(self.body, own.z))
 
 
 class AbstractReading(eqx.Module):

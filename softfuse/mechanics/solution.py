@@ -51,6 +51,12 @@ class State(eqx.Module):
         """The undeformed state."""
         return cls(jnp.zeros(body.n), *loads.start())
 
+    def of_last(self, loads: Loads) -> "State":
+        """What of it is the body's and that of loads which are the last on it."""
+        sizes = loads.sizes
+        counts = (self.force, sizes.forces), (self.internal, sizes.internal), (self.drive, sizes.drives)
+        return State(self.z, *(each[each.shape[0] - count :] for each, count in counts))
+
     def lists(self) -> dict[str, list[float]]:
         """All of it as plain numbers, for a file that `read_state` reads."""
         return {each.name: np.asarray(getattr(self, each.name)).tolist() for each in fields(self)}

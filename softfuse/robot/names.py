@@ -34,14 +34,15 @@ def safe_names(names: Iterable[str]) -> dict[str, str]:
     return found
 
 
+def numbered(name: str, count: int) -> tuple[str, ...]:
+    """What each of so many of one name is called: `<name>`, or `<name><number>` where they are several."""
+    return (name,) if count == 1 else tuple(f"{name}{k}" for k in range(count))
+
+
 def slot_names(contacts: Sequence[ContactSettings]) -> tuple[str, ...]:
-    """What each contact that may touch at once is called: `<name>`, or `<name><number>` where several may."""
+    """What each contact that may touch at once is called, see `numbered`."""
     safe = safe_names(contact.name for contact in contacts)
-    return tuple(
-        safe[contact.name] + (str(k) if contact.at_once > 1 else "")
-        for contact in contacts
-        for k in range(contact.at_once)
-    )
+    return tuple(each for contact in contacts for each in numbered(safe[contact.name], contact.at_once))
 
 
 def named_places(settings: RobotSettings, contact: str) -> dict[str, Float[np.ndarray, "3 3"]]:
