@@ -29,14 +29,24 @@ def trunk() -> Solid:
 
 
 def dome() -> Solid:
-    """Half a ball of 30 mm radius on z = 0 with four chambers, 4 mm of wall between them and 6 mm below."""
+    """Half a ball of 30 mm radius on z = 0 with walls of 7 mm: a round chamber in the middle and three around
+    it, 4 mm of wall between them.
+    """
     above = box((-40.0, -40.0, 0.0), (40.0, 40.0, 40.0))
-    body, hollow = Solid.sphere(30.0, 16) ^ above, Solid.sphere(22.0, 12)
-    for x in (-1, 1):
-        for y in (-1, 1):
-            corners = np.sort([(2.0 * x, 30.0 * x), (2.0 * y, 30.0 * y), (6.0, 30.0)], axis=1).T
-            body -= hollow ^ box(corners[0], corners[1])
+    body, hollow = Solid.sphere(30.0, 32) ^ above, Solid.sphere(23.0, 24)
+    body -= hollow ^ Solid.cylinder(40.0, 12.0, 12.0, 24).translate([0.0, 0.0, 8.0])
+    around = (hollow - Solid.cylinder(80.0, 16.0, 16.0, 24, True)) ^ above.translate([0.0, 0.0, 3.0])
+    apart = Solid.extrude(sector(4.0), 40.0)
+    for angle in (0.0, 120.0, 240.0):
+        body -= around ^ apart.rotate([0.0, 0.0, angle])
     return body
+
+
+def sector(gap: float) -> manifold3d.CrossSection:
+    """A third of the plane, around the x axis, so far inside its edges that thirds are `gap` apart."""
+    tip = np.array([gap / np.sqrt(3.0), 0.0])
+    far = 100.0 * np.array([[0.5, -0.75**0.5], [2.0, 0.0], [0.5, 0.75**0.5]])
+    return manifold3d.CrossSection([np.vstack([tip, tip + far]).tolist()])
 
 
 def pneunet() -> tuple[Solid, Solid]:
