@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compilations import compilations
 
 from softfuse.estimation.compiled_suite import CompiledSuite
 from softfuse.estimation.kept_programs import Packing
@@ -74,15 +75,11 @@ def test_the_program_says_what_the_sensors_say(suite, compiled, frames):
 
 def test_the_same_frames_give_the_same_bits_and_nothing_is_compiled(compiled, frames):
     runs = []
-    events: list[str] = []
-    jax.monitoring.register_event_duration_secs_listener(lambda event, *_, **__: events.append(event))
-    try:
+    with compilations() as events:
         for _ in range(2):
             compiled.reset()
             runs.append([compiled.update(time_s, raw) for time_s, raw in frames])
-        assert not [name for name in events if "compile" in name or "trace" in name]
-    finally:
-        jax.monitoring.clear_event_listeners()
+    assert events == []
     for first, second in zip(*runs, strict=True):
         for kind, vector in first.packed.items():
             assert np.array_equal(np.asarray(vector), np.asarray(second.packed[kind]), equal_nan=True)

@@ -1,9 +1,9 @@
 """The live estimator: right forces from volumes, never compiled again, and honest when it is lost."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compilations import compilations, heard
 
 from softfuse.estimation.estimator import Estimator, StepSettings
 from softfuse.estimation.step import Observation
@@ -38,16 +38,10 @@ def test_it_follows_a_press(estimator: Estimator, press: list[Observation]) -> N
 def test_nothing_is_compiled_while_it_runs(estimator: Estimator, press: list[Observation]) -> None:
     estimator.reset()
     estimator.update(press[0])
-    events: list[str] = []
-    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: events.append(name))
-    try:
+    with compilations() as events:
         for seen in press:
             estimator.update(seen)
-        assert [name for name in events if "compile" in name or "trace" in name] == []
-        jax.jit(lambda x: x + len(events))(jnp.zeros(3))
-        assert any("compile" in name for name in events)  # the listener does hear compilations
-    finally:
-        jax.monitoring.clear_event_listeners()
+    assert events == [] and heard()
 
 
 def test_a_reset_forgets(estimator: Estimator, press: list[Observation]) -> None:

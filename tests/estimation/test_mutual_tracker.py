@@ -8,10 +8,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compilations import compilations
 from made_sensors import d6f_p0001a1
 
 from softfuse.estimation.tracked import Frame, Tracked
@@ -120,18 +120,12 @@ def found(tracker: Tracker) -> dict[int, Tracked]:
     ]
     counts = MutualBed().counts(TIME, things).astype(float)
     tracked: dict[int, Tracked] = {}
-    events: list[str] = []
-    try:
+    with compilations() as events:
         for k, t in enumerate(TIME):
             sensed = tracker.sense(Frame(t, np.concatenate([volts[k], counts[k]])))
             if k % 10 == 0:
                 tracked[k] = tracker.estimate(t, sensed)
-            if k == 150:  # one touch has been estimated, two have not
-                listen = jax.monitoring.register_event_duration_secs_listener
-                listen(lambda event, *_, **__: events.append(event))
-    finally:
-        jax.monitoring.clear_event_listeners()
-    assert [name for name in events if "compile" in name or "trace" in name] == []
+    assert events == []
     return tracked
 
 

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compilations import compilations
 
 from softfuse.body import Body
 from softfuse.errors import SoftfuseError, SolveError
@@ -122,18 +123,14 @@ def test_nothing_is_compiled_while_charts_are_changed(model, estimator, volumes_
     estimator.reset()
     estimator.update(frames[0])
     jax.clear_caches()
-    events: list[str] = []
-    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: events.append(name))
-    try:
+    with compilations() as events:
         corrected = []
         for _ in range(3):
             for seen in frames:
                 corrected.append(estimator.update(seen).corrected)
                 estimator.displacement()
-        assert any(corrected) and not all(corrected)
-        assert [name for name in events if "compile" in name or "trace" in name] == []
-    finally:
-        jax.monitoring.clear_event_listeners()
+    assert any(corrected) and not all(corrected)
+    assert events == []
 
 
 def test_a_reset_forgets(model, estimator, volumes_under) -> None:

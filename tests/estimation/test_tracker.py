@@ -8,8 +8,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
+from compilations import compilations
 from made_robots import BLOCK, settings_of
 
 from softfuse.estimation.doubts import TrackerSettings
@@ -98,6 +100,14 @@ def test_contact_begins_and_is_located(run) -> None:
     assert 0 < last.force_N < 25
     np.testing.assert_allclose(last.centre_m[:2], [21.78e-3, -3.11e-3], atol=0.3e-3)
     assert np.isfinite(last.residual)
+
+
+def test_nothing_is_compiled_from_the_first_frame_on(frames: list[Frame]) -> None:
+    jax.clear_caches()
+    fresh = _tracker(0.1)
+    with compilations() as events:
+        touched = [fresh.update(frame).contacts for frame in frames]
+    assert events == [] and set(touched) == {0, 1}
 
 
 def test_a_contact_outside_the_workspace_has_a_place_but_no_force(frames: list[Frame]) -> None:

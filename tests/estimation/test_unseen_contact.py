@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from compilations import compilations
 
 from softfuse.estimation.tracked import Frame, Tracked
 from softfuse.estimation.tracker import Tracker
@@ -27,7 +28,7 @@ EVERY = 4
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Tracked], np.ndarray]:
     """Every fourth frame of two presses, at (21.8, −3.1) and (−3.1, 3.1) mm, and where and how hard they
-    are: x, y [mm], force [N].
+    are: x, y [mm], force [N]; nothing is compiled meanwhile.
     """
     text = (ROOT / "configs" / "pad.toml").read_text(encoding="utf-8")
     for old, new in COARSE:
@@ -42,11 +43,13 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Tracked], np.n
     truth = recording.matrix(["true_x_mm", "true_y_mm", "true_force_N"])
     still = np.round(counts[0] + np.random.default_rng(1).normal(0, 8, counts.shape))
     rows, true = [], []
-    for k, (at, volts, seen) in enumerate(zip(recording.time_s, flow, still, strict=True)):
-        sensed = tracker.sense(Frame(at, np.concatenate([volts, seen])))
-        if k % EVERY == 0:
-            rows.append(tracker.estimate(at, sensed))
-            true.append(truth[k])
+    with compilations() as events:
+        for k, (at, volts, seen) in enumerate(zip(recording.time_s, flow, still, strict=True)):
+            sensed = tracker.sense(Frame(at, np.concatenate([volts, seen])))
+            if k % EVERY == 0:
+                rows.append(tracker.estimate(at, sensed))
+                true.append(truth[k])
+    assert events == []
     return rows, np.array(true)
 
 

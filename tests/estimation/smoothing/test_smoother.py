@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compilations import compilations
 from made_sensors import d6f_p0001a1
 from made_touches import DRIFT, DT, Made, W, frame, made, of, placed, smoother
 
@@ -246,13 +247,11 @@ def test_nothing_is_compiled_while_frames_come() -> None:
     each = made(HELD[:40], np.random.default_rng(12)).found
     jax.clear_caches()
     live = smoother(keep=False)
-    events: list[str] = []
-    jax.monitoring.register_event_duration_secs_listener(lambda name, *_, **__: events.append(name))
-    # Times may be any kind of number.
-    for k, now in enumerate(each):
-        live.update(replace(now, time_s=np.float64(now.time_s)) if k % 2 else now)
-    jax.monitoring.clear_event_listeners()
-    assert not [name for name in events if "compile" in name or "trace" in name]
+    with compilations() as events:
+        # Times may be any kind of number.
+        for k, now in enumerate(each):
+            live.update(replace(now, time_s=np.float64(now.time_s)) if k % 2 else now)
+    assert events == []
 
 
 def test_nothing_touches() -> None:

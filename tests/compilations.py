@@ -1,0 +1,32 @@
+"""What JAX traces or compiles while something runs, and makes it wait."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import jax
+from jax import monitoring
+
+
+@contextmanager
+def compilations() -> Iterator[list[str]]:
+    """The events so far, by JAX's names, of this thread: what others prepare meanwhile holds up nobody."""
+    events: list[str] = []
+    here = threading.get_ident()
+
+    def listen(event: str, *_: object, **__: object) -> None:
+        if threading.get_ident() == here and ("compile" in event or "trace" in event):
+            events.append(event)
+
+    monitoring.register_event_duration_secs_listener(listen)
+    try:
+        yield events
+    finally:
+        monitoring.unregister_event_duration_listener(listen)
+
+
+def heard() -> bool:
+    """Whether a compilation is heard at all."""
+    with compilations() as events:
+        jax.jit(lambda x: x + 1.0)(0.0)
+    return bool(events)
