@@ -45,7 +45,7 @@ def dome() -> Solid:
 def sector(gap: float) -> manifold3d.CrossSection:
     """A third of the plane, around the x axis, so far inside its edges that thirds are `gap` apart."""
     tip = np.array([gap / np.sqrt(3.0), 0.0])
-    far = 100.0 * np.array([[0.5, -0.75**0.5], [2.0, 0.0], [0.5, 0.75**0.5]])
+    far = 100.0 * np.array([[0.5, -(0.75**0.5)], [2.0, 0.0], [0.5, 0.75**0.5]])
     return manifold3d.CrossSection([np.vstack([tip, tip + far]).tolist()])
 
 
