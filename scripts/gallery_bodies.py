@@ -74,6 +74,7 @@ def write(path: Path, solid: Solid) -> None:
 
 def main(folder: Annotated[Path, typer.Argument(help="Folder for the files.")] = FOLDER) -> None:
     """Write all bodies."""
+    folder.mkdir(parents=True, exist_ok=True)
     body, chamber = pneunet()
     solids = {"trunk": trunk(), "dome": dome(), "pneunet": body, "pneunet_chamber": chamber}
     for name, solid in solids.items():
