@@ -1,4 +1,4 @@
-"""What JAX traces or compiles while something runs, and makes it wait."""
+"""What JAX traces or compiles while something runs."""
 
 import threading
 from collections.abc import Iterator
@@ -9,13 +9,13 @@ from jax import monitoring
 
 
 @contextmanager
-def compilations() -> Iterator[list[str]]:
-    """The events so far, by JAX's names, of this thread: what others prepare meanwhile holds up nobody."""
+def compilations(*, beside: bool = True) -> Iterator[list[str]]:
+    """The events so far, by JAX's names, on any thread; or, not of what is done `beside`, on this one."""
     events: list[str] = []
     here = threading.get_ident()
 
     def listen(event: str, *_: object, **__: object) -> None:
-        if threading.get_ident() == here and ("compile" in event or "trace" in event):
+        if (beside or threading.get_ident() == here) and ("compile" in event or "trace" in event):
             events.append(event)
 
     monitoring.register_event_duration_secs_listener(listen)

@@ -5,6 +5,7 @@ out: tested is the way from readings to contacts, not the mesh.
 """
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -120,12 +121,15 @@ def found(tracker: Tracker) -> dict[int, Tracked]:
     ]
     counts = MutualBed().counts(TIME, things).astype(float)
     tracked: dict[int, Tracked] = {}
-    with compilations() as events:
+    with ExitStack() as listening:
+        waiting, events = listening.enter_context(compilations(beside=False)), []
         for k, t in enumerate(TIME):
             sensed = tracker.sense(Frame(t, np.concatenate([volts[k], counts[k]])))
             if k % 10 == 0:
                 tracked[k] = tracker.estimate(t, sensed)
-    assert events == []
+            if k == 150:  # one touch has been estimated, two have not: nothing is prepared beside any more
+                events = listening.enter_context(compilations())
+    assert waiting == [] and events == []
     return tracked
 
 

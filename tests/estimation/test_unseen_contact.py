@@ -43,7 +43,8 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[list[Tracked], np.n
     truth = recording.matrix(["true_x_mm", "true_y_mm", "true_force_N"])
     still = np.round(counts[0] + np.random.default_rng(1).normal(0, 8, counts.shape))
     rows, true = [], []
-    with compilations() as events:
+    # What presses all over the pad do is prepared beside the frames.
+    with compilations(beside=False) as events:
         for k, (at, volts, seen) in enumerate(zip(recording.time_s, flow, still, strict=True)):
             sensed = tracker.sense(Frame(at, np.concatenate([volts, seen])))
             if k % EVERY == 0:
