@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize
 
 from softfuse.calibration.adjustment import Measure
-from softfuse.calibration.presses import Adjustable, Answer, Presses
+from softfuse.calibration.presses import Adjustable, Answer, Applied, Presses
 from softfuse.calibration.robust import Discrepancy, Explained, Linear, Whitening, cost, explained
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.model_error import ReadingSpread, missed
+from softfuse.estimation.model_error import FLOOR, ReadingSpread
 from softfuse.mechanics.solution import State
 
 _SETTLED = 0.02
@@ -28,11 +28,11 @@ _SETTLED = 0.02
 _SHORTENED = 4
 """How often a step is tried."""
 
-_PARTS = (1e-4, 0.3)
-"""Discrepancies between which the likeliest is searched."""
+_PARTS, _FLOORS, _FIRST_PART = (1e-4, 0.3), (3e-3, 1.0), 0.02
+"""Discrepancies between which the likeliest is searched, and from which on."""
 
-_SIDE = 11
-"""Places in each direction."""
+_FLOOR_SIGMA = 1.5
+"""By how much the logarithm of a floor differs from robot to robot."""
 
 
 class AbstractPosterior(ABC):
@@ -107,8 +107,8 @@ def fit(
     before = presses.reading - answer.reading
     for _ in range(rounds):
         at = _Round(presses, answer, z, prior, group)
-        part = _likeliest(at)
-        whitening, aim = Discrepancy(part).whitening(presses), at.explained(part)
+        discrepancy = _likeliest(at)
+        whitening, aim = discrepancy.whitening(presses), at.explained(discrepancy)
         here, step = at.cost(whitening, answer, z), aim.z - z
         promised = here - aim.cost
         if promised < _SETTLED:
@@ -119,7 +119,7 @@ def fit(
                 aim.z * prior,
                 np.linalg.inv(aim.information) * np.outer(prior, prior),
                 prior,
-                Discrepancy(part),
+                discrepancy,
                 before,
                 after,
                 np.where(presses.told, aim.weight[group], 0.0),
@@ -161,13 +161,13 @@ class _Round:
         """How many groups."""
         return int(self.group.max()) + 1
 
-    def explained(self, part: float) -> Explained:
-        """The parameters that explain the presses best with a discrepancy [-]."""
-        return explained(self._linear(Discrepancy(part).whitening(self.presses)), self.groups)
+    def explained(self, discrepancy: Discrepancy) -> Explained:
+        """The parameters that explain the presses best with a discrepancy."""
+        return explained(self._linear(discrepancy.whitening(self.presses)), self.groups)
 
-    def ln_evidence(self, part: float) -> float:
-        """How likely the presses are with a discrepancy [-]."""
-        whitening = Discrepancy(part).whitening(self.presses)
+    def ln_evidence(self, discrepancy: Discrepancy) -> float:
+        """How likely the presses are with a discrepancy."""
+        whitening = discrepancy.whitening(self.presses)
         found = explained(self._linear(whitening), self.groups)
         return found.ln_evidence - 0.5 * whitening.ln_det
 
@@ -192,15 +192,18 @@ def _groups(presses: Presses) -> Int[np.ndarray, "s k"]:
     return press[:, None] * count + np.arange(count)
 
 
-def _likeliest(at: _Round) -> float:
-    low, high = np.log(_PARTS)
-    found = minimize_scalar(
-        lambda ln: -at.ln_evidence(float(np.exp(ln))),
-        bounds=(low, high),
-        method="bounded",
-        options={"xatol": 0.02},
-    )
-    return float(np.exp(found.x))
+def _likeliest(at: _Round) -> Discrepancy:
+    """The discrepancy that makes presses likeliest, floors far from the usual one being unlikely: one reading
+    of a kind tells nothing of it.
+    """
+
+    def unlikely(ln: Float[np.ndarray, "2"]) -> float:
+        beyond = (ln[1] - np.log(FLOOR)) / _FLOOR_SIGMA
+        return 0.5 * beyond**2 - at.ln_evidence(Discrepancy(*np.exp(ln).tolist()))
+
+    start, bounds = np.log([_FIRST_PART, FLOOR]), np.log([_PARTS, _FLOORS])
+    found = minimize(unlikely, start, method="Powell", bounds=bounds, options={"xtol": 0.02, "ftol": 1e-4})
+    return Discrepancy(*np.exp(found.x).tolist())
 
 
 def gain(
@@ -213,33 +216,15 @@ def gain(
     (1995) 273. Answers are those of the fitted parameters; `noise` (k,): standard deviations of the readings
     in SI; `kind` (k,): see `model_error.missed`.
     """
-    sigma = np.hypot(noise, missed(answer.reading, fit.discrepancy.part, kind))
+    sigma = np.hypot(noise, fit.discrepancy.missed(answer.reading, kind))
     whitened = answer.slope / sigma[..., None]
     seen = np.einsum("skp,pq,slq->skl", whitened, fit.covariance, whitened)
     return 0.5 * np.linalg.slogdet(np.eye(seen.shape[1]) + seen)[1]
 
 
-@dataclass(frozen=True, eq=False)
-class Grid:
-    """Places of x (a,) and y (b,) [m] all over a workspace, all to be pressed with one force [N]."""
-
-    x_m: Float[np.ndarray, " a"]
-    y_m: Float[np.ndarray, " b"]
-    each_N: float
-
-    @classmethod
-    def over(cls, x: tuple[float, float], y: tuple[float, float], force: float, side: int = _SIDE) -> "Grid":
-        """The grid over ranges of x and y [m], of `side` places in each direction."""
-        return cls(np.linspace(*x, side), np.linspace(*y, side), force)
-
-    @property
-    def point_m(self) -> Float[np.ndarray, "s 3"]:
-        """All points (s, 3), y running first."""
-        x, y = np.meshgrid(self.x_m, self.y_m, indexing="ij")
-        return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
-
-    def spread(self, answer: Answer, covariance: Float[np.ndarray, "p p"]) -> ReadingSpread:
-        """How uncertain readings are, as a robot answers these presses with parameters so uncertain."""
-        by_parameters = answer.slope @ np.linalg.cholesky(covariance) / self.each_N
-        shape = (len(self.x_m), len(self.y_m), answer.reading.shape[1], -1)
-        return ReadingSpread(self.x_m, self.y_m, by_parameters.reshape(shape))
+def spread_over(applied: Applied, answer: Answer, covariance: Float[np.ndarray, "p p"]) -> ReadingSpread:
+    """How uncertain readings are all over a surface, as a robot whose parameters are so uncertain answers
+    presses (s,) of its first contact by itself, its actuators always the same.
+    """
+    by_parameters = answer.slope @ np.linalg.cholesky(covariance)
+    return ReadingSpread(applied.place[:, 0, 0], by_parameters / applied.force_N[:, 0, None, None])

@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.calibration.presses import Presses
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.model_error import missed, whitening
+from softfuse.estimation.model_error import FLOOR, missed, whitening
 
 FREEDOM = 15.0
 """ν: three readings of a press that miss by ten standard deviations in all count a seventh. Fewer degrees of
@@ -129,16 +129,23 @@ class Discrepancy:
     with C = 1 on the diagonal, ρ between samples of one press, 0 between presses. Source of the idea: Kennedy
     and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
 
-    `part` δ [-] of a reading, `alike` ρ [-] in a press: 0.9 to 0.95 make the nominal recording of the
-    reference block likeliest, as do floors of 0.03 to 0.05 in `missed`.
+    `part` δ [-] of a reading, `floor` φ [-] of the largest, see `missed`; `alike` ρ [-] in a press: 0.9 to
+    0.95 make the nominal recording of the reference block likeliest.
     """
 
     part: float
+    floor: float = FLOOR
     alike: float = 0.9
+
+    def missed(
+        self, reading: Float[np.ndarray, "s k"], kind: Int[np.ndarray, " k"]
+    ) -> Float[np.ndarray, "s k"]:
+        """Standard deviations m δ (s, k) of readings (s, k) of some kinds (k,), in their units."""
+        return missed(reading, self.part, kind, self.floor)
 
     def whitening(self, presses: Presses) -> "Whitening":
         """What makes misfits of presses standard normal."""
-        told, sizes = presses.told, missed(presses.reading, self.part, presses.kind)
+        told, sizes = presses.told, self.missed(presses.reading, presses.kind)
         alike = alike_in_press(presses.applied.press, self.alike)
         inverse, ln_det = [], 0.0
         for k in range(told.shape[1]):

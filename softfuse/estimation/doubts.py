@@ -30,7 +30,8 @@ class TrackerSettings:
         path, readings = given.reading_spread, robot.model.n_readings
         spread = None if path is None else read_spread(path, readings)
         known = given.model_error is not None or spread is not None
-        return cls(given.poor_fit, ModelError(given.model_error or 0.0, spread=spread) if known else None)
+        error = ModelError(given.model_error or 0.0, spread=spread, floor=given.model_error_floor)
+        return cls(given.poor_fit, error if known else None)
 
 
 def doubts_of(

@@ -4,18 +4,25 @@ it does not know of its parameters.
 
 import zipfile
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
 
 from softfuse.errors import SoftfuseError
 
-_ARRAYS = ("x_m", "y_m", "by_parameters")
+_ARRAYS = ("points_m", "by_parameters")
 
 FLOOR = 0.03
-"""A reading that is smaller than this part of the largest one is missed as if it were that large."""
+"""A reading that is smaller than this part of the largest one is missed as if it were that large, where
+nothing else is known: 0.03 to 0.05 make the nominal recording of the reference block likeliest.
+"""
+
+_LEVEL = 1e-6
+"""So much of their weight keeps slopes of moving least squares small [-]."""
 
 _LARGEST_RATIO = 2.0
 """Beyond so many times the strokes that it was learned at, the offset is not extrapolated [-]."""
@@ -26,40 +33,45 @@ _LEAST_STROKE_M = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class ReadingSpread:
-    """By how much readings are uncertain because a robot's parameters are: of one contact at each place of a
-    grid of x (a,) and y (b,) [m], over its force: `by_parameters` (a, b, k, p): A [1/N]; readings in SI.
+    """By how much readings are uncertain because a robot's parameters are: of one contact at some places all
+    over a surface, points (s, 3) m, over its force: `by_parameters` (s, k, p): A [1/N]; readings in SI.
 
     Parameters of covariance B Bᵀ, on which readings depend with slopes J (k, p), make them uncertain by A Aᵀ,
-    A = J B, taken to be linear in the force and between the places: contacts (c,) with forces F_c at places
-    p_c have A = Σ_c F_c a(p_c), since all depend on the same parameters.
+    A = J B, taken to be linear in the force: contacts (c,) with forces F_c at places p_c have A = Σ_c F_c
+    a(p_c), since all depend on the same parameters. Between the points a is that of moving least squares,
+    exact where it is linear. Source: Lancaster and Salkauskas, Math. Comput. 37 (1981) 141.
     """
 
-    x_m: Float[np.ndarray, " a"]
-    y_m: Float[np.ndarray, " b"]
-    by_parameters: Float[np.ndarray, "a b k p"]
+    points_m: Float[np.ndarray, "s 3"]
+    by_parameters: Float[np.ndarray, "s k p"]
 
     def covariance(
         self,
         places: Float[np.ndarray, "c 3 3"],
         force_N: Float[np.ndarray, " c"],
     ) -> Float[np.ndarray, "k k"]:
-        """Covariance (k, k) of readings for places (c, 3, 3), forces (c,) N; beyond the grid the border's."""
-        share, i, j = self._corners(places)
-        a = np.einsum("qc,qckp->kp", share * force_N, self.by_parameters[i, j])
+        """Covariance (k, k) of readings for places (c, 3, 3), forces (c,) N."""
+        share = force_N @ np.array([self._shares(place) for place in places])
+        a = np.einsum("s,skp->kp", share, self.by_parameters)
         return a @ a.T
 
-    def _corners(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The four corners of the cells that places (c, 3, 3) are in: their shares and numbers (4, c)."""
-        (i, s), (j, t) = (_between(grid, places[:, 0, k]) for k, grid in enumerate((self.x_m, self.y_m)))
-        share = np.stack([(1 - s) * (1 - t), s * (1 - t), (1 - s) * t, s * t])
-        return share, np.stack([i, i + 1, i, i + 1]), np.stack([j, j, j + 1, j + 1])
+    @cached_property
+    def _pitch_m(self) -> float:
+        """How far points are apart."""
+        return float(np.median(KDTree(self.points_m).query(self.points_m, 2)[0][:, 1]))
 
-
-def _between(grid: Float[np.ndarray, " g"], at: Float[np.ndarray, " c"]) -> tuple[np.ndarray, np.ndarray]:
-    """The interval (c,) of a grid that places are in, and how far along it (c,), 0 to 1."""
-    inside = np.clip(at, grid[0], grid[-1])
-    k = np.clip(np.searchsorted(grid, inside, side="right") - 1, 0, len(grid) - 2)
-    return k, (inside - grid[k]) / (grid[k + 1] - grid[k])
+    def _shares(self, place: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " s"]:
+        """The share of each point (s,) in what is at a place, 0 where that is not known."""
+        if not np.isfinite(place).all():
+            return np.zeros(len(self.points_m))
+        apart = (self.points_m - place[0]) / self._pitch_m
+        square = np.sum(apart**2, axis=1)
+        weight = np.exp(-0.5 * (square - square.min()))
+        basis = np.column_stack([np.ones(len(apart)), apart @ place[1:].T])
+        moments = basis.T @ (weight[:, None] * basis)
+        # Points in a row, or a place far from all, tell no slope.
+        moments += _LEVEL * moments[0, 0] * np.diag([0, 1, 1])
+        return weight * (basis @ np.linalg.solve(moments, [1, 0, 0]))
 
 
 def write_spread(path: Path, spread: ReadingSpread, **others: np.ndarray) -> None:
@@ -76,23 +88,25 @@ def read_spread(path: Path, readings: int) -> ReadingSpread:
     """
     try:
         with np.load(path, allow_pickle=False) as arrays:
-            x, y, by_parameters = (np.asarray(arrays[name], float) for name in _ARRAYS)
+            points, by_parameters = (np.asarray(arrays[name], float) for name in _ARRAYS)
     except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile) as error:
         raise SoftfuseError(f"{path}: holds no spread of readings: calibrate again ({error})") from error
-    grid = (len(x), len(y), readings)
-    shaped = by_parameters.shape[:3] == grid and by_parameters.ndim == 4
-    whole = all(np.isfinite(each).all() for each in (x, y, by_parameters))
-    if not (shaped and whole and min(len(x), len(y)) >= 2):
-        raise SoftfuseError(f"{path}: no spread of {readings} readings over a grid: calibrate again")
-    return ReadingSpread(x, y, by_parameters)
+    shaped = points.ndim == 2 and by_parameters.shape[:2] == (len(points), readings)
+    whole = all(np.isfinite(each).all() for each in (points, by_parameters))
+    if not (shaped and points.shape[1] == 3 and by_parameters.ndim == 3 and whole and len(points) >= 2):
+        raise SoftfuseError(f"{path}: no spread of {readings} readings over points: calibrate again")
+    return ReadingSpread(points, by_parameters)
 
 
 def missed(
-    reading: Float[np.ndarray, "*s k"], part: float, kind: Int[np.ndarray, " k"] | None = None
+    reading: Float[np.ndarray, "*s k"],
+    part: float,
+    kind: Int[np.ndarray, " k"] | None = None,
+    floor: float = FLOOR,
 ) -> Float[np.ndarray, "*s k"]:
     """Standard deviations (..., k) of what the model misses of readings (..., k), in their units: a part [-]
-    of √(y² + (φ y_max)²), y_max the largest of its `kind` (k,), such as those of one sensor, or of all. A
-    reading that is NaN counts as 0.
+    of √(y² + (φ y_max)²), φ the `floor`, y_max the largest of its `kind` (k,), such as those of one sensor,
+    or of all. A reading that is NaN counts as 0.
     """
     size = np.nan_to_num(np.abs(reading))
     largest = np.zeros_like(size)
@@ -100,20 +114,21 @@ def missed(
     for each in np.unique(kind):
         own = kind == each
         largest[..., own] = size[..., own].max(axis=-1, keepdims=True)
-    return part * np.hypot(size, FLOOR * largest)
+    return part * np.hypot(size, floor * largest)
 
 
 @dataclass(frozen=True, eq=False)
 class ModelError:
     """`part` [-] of each reading by which the model may be wrong, for each by itself, `alike` [-] for all
-    together, as where its stiffness is not known; the spread of its parameters, if known; and the `kind` (k,)
-    of each reading, see `missed`, None: all of one.
+    together, as where its stiffness is not known; the spread of its parameters, if known; the `kind` (k,) of
+    each reading, None: all of one; and the `floor` [-], see `missed`.
     """
 
     part: float = 0.0
     alike: float = 0.0
     spread: ReadingSpread | None = None
     kind: Int[np.ndarray, " k"] | None = None
+    floor: float = FLOOR
 
     def covariance(
         self,
@@ -136,7 +151,7 @@ class ModelError:
         """Covariance (k, k) of measured minus modelled readings (k,) with sensors' noise (k,) where nothing
         presses.
         """
-        own = np.diag(sigma**2 + missed(reading, self.part, self.kind) ** 2)
+        own = np.diag(sigma**2 + missed(reading, self.part, self.kind, self.floor) ** 2)
         return own + self.alike**2 * np.outer(reading, reading)
 
 

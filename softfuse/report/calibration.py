@@ -116,7 +116,9 @@ def tell(calibrated: Calibrated) -> Iterator[str]:
     fit, presses = calibrated.fit, calibrated.felt.presses
     off = "; ".join(calibrated.off(presses.told))
     yield f"{len(presses.reading)} samples of {len(calibrated.felt.called)} presses: {off}"
-    yield f"the model may be wrong by {100 * fit.discrepancy.part:.1f} % of a reading"
+    part, floor = fit.discrepancy.part, fit.discrepancy.floor
+    largest = 100 * part * floor
+    yield f"the model may be wrong by {100 * part:.1f} % of a reading, and {largest:.2g} % of the largest"
     for name, value, width, told in calibrated.rows:
         yield f"{name}: {value} ± {width} (90 %), {told}"
     electrodes = calibrated.electrodes

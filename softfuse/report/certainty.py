@@ -12,11 +12,11 @@ from jaxtyping import Bool, Float, Int
 from softfuse.calibration.array_pose import Located, PoseFit, fit_pose
 from softfuse.calibration.electrode_edits import Untouched, baseline_edits, gain_edits, untouched
 from softfuse.calibration.electrode_gains import GainFit, LineSignals, fit_gains
-from softfuse.calibration.fit import Fit, Grid
+from softfuse.calibration.fit import Fit, spread_over
 from softfuse.calibration.of_robot import Fitted, build_pose_prior, pose_edits
 from softfuse.calibration.presses import Answer, Applied
-from softfuse.estimation.model_error import missed, write_spread
-from softfuse.functional.chart import facing
+from softfuse.calibration.robust import Discrepancy
+from softfuse.estimation.model_error import write_spread
 from softfuse.mechanics.solution import State
 from softfuse.report.presses import Felt
 from softfuse.robot.file import Edits
@@ -26,8 +26,8 @@ from softfuse.sensors.crossed.settings import CrossedSettings
 
 _LIGHT = 0.1
 """Of the largest force, with which is pressed where nothing is known of any."""
-_MOST_PLACES = 24
-"""Of a surface that further presses are looked at on."""
+_SIDE, _MOST_PLACES = 11, 48
+"""Places in each direction of a flat surface, and on a curved one, that further presses are looked at on."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +39,6 @@ class Electrodes:
     untouched: Untouched | None = None
 
 
-def grid_of(settings: RobotSettings, force_N: float) -> Grid | None:
-    """A grid of presses with a force over the flat workspace of a contact; None where it has none."""
-    within = settings.contacts[0].within
-    return None if within is None else Grid.over(within.x, within.y, force_N)
-
-
 def further(
     fitted: Fitted, applied: Applied, states: tuple[State, ...]
 ) -> tuple[Applied, tuple[State, ...] | None]:
@@ -53,18 +47,15 @@ def further(
     start from where actuators move the robot. None belongs to another.
     """
     settings = fitted.robot.settings
-    contact, named = settings.contacts[0], settings.places
+    contact = settings.contacts[0]
     force_N = float(applied.force_N.max()) or _LIGHT * contact.max_force
-    grid, workspace = grid_of(settings, force_N), fitted.robot.workspaces[0]
-    if grid is not None and contact.direction is not None:
-        places = facing(grid.point_m, contact.direction)
-    elif named:
-        places = np.array(list(named.values()))
+    workspace = fitted.robot.workspaces[0]
+    if workspace is None:
+        places = np.array(list(settings.places.values()))
     else:
-        assert workspace is not None  # a contact that nothing sees has one
-        places, _ = workspace.grid(0)
-        count = min(len(places), _MOST_PLACES)
-        places = places[np.linspace(0, len(places) - 1, count).astype(int)]
+        places, _ = workspace.grid(_SIDE)
+        if contact.direction is None:
+            places = places[far_apart(places[:, 0], _MOST_PLACES)]
     driven = least_and_most(applied.prescribed)
     like, contacts = np.repeat(driven, len(places)), applied.place.shape[1]
     place = np.repeat(np.tile(places, (len(driven), 1, 1))[:, None], contacts, axis=1)
@@ -72,6 +63,15 @@ def further(
     force[:, 0] = force_N
     near = tuple(states[sample] for sample in like) if len(driven) > 1 else None
     return Applied(place, force, applied.prescribed[like], -1 - np.arange(len(place))), near
+
+
+def far_apart(points: Float[np.ndarray, "s 3"], most: int) -> Int[np.ndarray, " n"]:
+    """Numbers of the points that are furthest from those before, so many at most; the first is the first."""
+    chosen, gap = [0], np.linalg.norm(points - points[0], axis=1)
+    while len(chosen) < min(most, len(points)):
+        chosen.append(int(np.argmax(gap)))
+        gap = np.minimum(gap, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return np.array(chosen)
 
 
 def least_and_most(prescribed: Float[np.ndarray, "s a"]) -> Int[np.ndarray, " n"]:
@@ -117,25 +117,27 @@ def certainty(
         **(gain_edits(settings) if gains is not None else {}),
         **(baseline_edits(settings, electrodes.untouched) if electrodes.untouched else {}),
     }
-    grid = grid_of(settings, float(felt.presses.applied.force_N.max()))
-    part = found.discrepancy.part
-    if grid is not None and len(fitted.readings) == fitted.robot.model.n_readings:
+    unmoved = len(least_and_most(felt.presses.applied.prescribed)) == 1
+    everywhere = fitted.robot.workspaces[0] is not None
+    if everywhere and unmoved and len(fitted.readings) == fitted.robot.model.n_readings:
         path = out.with_suffix(".npz")
-        spread = grid.spread(answer, found.covariance)
+        spread = spread_over(beyond, answer, found.covariance)
         posterior = {name: getattr(found, name) for name in ("value", "covariance", "prior_sigma")}
         write_spread(path, spread, names=np.array(found.names), **posterior)
-        return {**edits, **error_edits(settings, part, path.name)}, electrodes
+        return {**edits, **error_edits(settings, found.discrepancy, path.name)}, electrodes
     return {**edits, **_overall(fitted, answer, found)}, electrodes
 
 
-def error_edits(settings: RobotSettings, part: float, spread: str) -> Edits:
-    """Settings by which a robot's model is as wrong as presses have told: by a part of each reading, and by
-    the file of what is not known of its parameters. What sensors say of that by themselves was a guess.
+def error_edits(settings: RobotSettings, discrepancy: Discrepancy, spread: str) -> Edits:
+    """Settings by which a robot's model is as wrong as presses have told: by a part of each reading and of
+    the largest, and by the file of what is not known of its parameters. What sensors say of that by
+    themselves was a guess.
     """
     guesses = [number for number, sensor in enumerate(settings.sensors) if sensor.errs_with_model]
     return {
         **{("sensor", number, "model_error"): 0.0 for number in guesses},
-        ("estimator", "model_error"): float(f"{part:.4g}"),
+        ("estimator", "model_error"): float(f"{discrepancy.part:.4g}"),
+        ("estimator", "model_error_floor"): float(f"{discrepancy.floor:.4g}"),
         ("estimator", "reading_spread"): spread,
     }
 
@@ -145,7 +147,7 @@ def _overall(fitted: Fitted, answer: Answer, found: Fit) -> Edits:
     presses together: by what the model misses, and by what is not known of its parameters.
     """
     unknown = np.einsum("skp,pq,skq->sk", answer.slope, found.covariance, answer.slope)
-    wrong = missed(answer.reading, found.discrepancy.part, fitted.kind) ** 2 + unknown
+    wrong = found.discrepancy.missed(answer.reading, fitted.kind) ** 2 + unknown
     edits: dict = {}
     rest = [0.0]
     for kind in np.unique(fitted.kind):

@@ -41,15 +41,17 @@ class EstimatorSettings(Settings):
     """Estimate step: linearisations per frame, ε [1/N²] of ε‖ΔF‖² in the cost, doubted misfit, longest step.
 
     model_error: part of a reading by which the model may be wrong, beyond what sensors say of it, None: not
-    known; reading_spread: file of how uncertain readings are by parameters and places; a calibration finds
-    both; poor_fit: a largest misfit above this part of the largest reading is flagged; largest_motion in m: a
-    step that would move a node further is shortened, None for any; catch_up_steps: further ones in the same
+    known; model_error_floor: a smaller reading counts as one of this size, a part of the sensor's largest;
+    reading_spread: file of how uncertain readings are by parameters and places; a calibration finds all
+    three; poor_fit: a largest misfit above this part of the largest reading is flagged; largest_motion in m:
+    a step that would move a node further is shortened, None for any; catch_up_steps: further ones in the same
     frame at most, while they have to be shortened.
     """
 
     steps_per_frame: PositiveInteger = 1
     regularisation: Annotated[Number, Ge(0)] = 1e-6
     model_error: Annotated[Number, Ge(0)] | None = None
+    model_error_floor: Annotated[Number, Ge(0)] = 0.03
     reading_spread: ExistingFile | None = None
     poor_fit: PositiveNumber = 0.25
     largest_motion: PositiveLength | None = None

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from softfuse.report.certainty import error_edits, least_and_most
+from softfuse.calibration.robust import Discrepancy
+from softfuse.report.certainty import error_edits, far_apart, least_and_most
 from softfuse.robot.file import load, save_edited
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -23,19 +24,28 @@ def test_one_sample_says_all_where_nothing_moves() -> None:
     assert least_and_most(np.zeros((3, 0))).tolist() == [0]
 
 
+def test_places_are_looked_at_far_apart() -> None:
+    """Of a row the ends come first, then the middle."""
+    row = np.linspace(0.0, 1.0, 9)[:, None] * np.array([1.0, 2.0, 0.0])
+    assert far_apart(row, 3).tolist() == [0, 8, 4]
+    assert sorted(far_apart(row, 20).tolist()) == list(range(9))
+
+
 def test_the_model_error_that_presses_tell_is_counted_once(tmp_path: Path) -> None:
     """A sealed pad's own guess of 5 % of each pressure beside the 2 % that were found made forces as unsure
     as if nobody had calibrated it.
     """
     drawn = load(CONFIGS / "pad_sealed.toml")
     assert drawn.sensors[0].model_error == 0.05
-    edits = error_edits(drawn, 0.019934, "fitted.npz")
+    edits = error_edits(drawn, Discrepancy(0.019934, 0.0512345), "fitted.npz")
     (tmp_path / "fitted.npz").touch()
     fitted = save_edited(CONFIGS / "pad_sealed.toml", tmp_path / "fitted.toml", edits)
     assert fitted.sensors[0].model_error == 0.0 and fitted.estimator.model_error == 0.01993
+    assert fitted.estimator.model_error_floor == 0.05123
     # Of what sees contacts by itself the error is its own, and a vent's reading has none.
     assert fitted.sensors[1] == drawn.sensors[1]
-    assert set(error_edits(load(CONFIGS / "pad.toml"), 0.02, "fitted.npz")) == {
+    assert set(error_edits(load(CONFIGS / "pad.toml"), Discrepancy(0.02), "fitted.npz")) == {
         ("estimator", "model_error"),
+        ("estimator", "model_error_floor"),
         ("estimator", "reading_spread"),
     }
