@@ -99,6 +99,15 @@ class Estimator:
     def reset(self) -> None:
         """Forget the past: the body rests, nothing presses."""
         self._carried, self._renew = self._ready.rest, False
+        self.keep()
+
+    def keep(self) -> None:
+        """Remember the state after the last frame, as one to go back to."""
+        self._kept = self._ready, self._carried
+
+    def go_back(self) -> None:
+        """Go on from the state that was kept last, or from rest."""
+        (self._ready, self._carried), self._renew = self._kept, False
 
     @property
     def state(self) -> State:

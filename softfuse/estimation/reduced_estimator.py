@@ -95,6 +95,22 @@ class ReducedEstimator:
     def _forget(self) -> None:
         self._number: int | None = None
         self._on_full = False
+        self._kept = (self._number, self._on_full)
+
+    def keep(self) -> None:
+        """Remember the state after the last frame, as one to go back to."""
+        self._kept = (self._number, self._on_full)
+        self._in_use.keep()
+
+    def go_back(self) -> None:
+        """Go on from the state that was kept last, or from rest."""
+        self._number, self._on_full = self._kept
+        self._in_use.go_back()
+
+    @property
+    def _in_use(self) -> Estimator:
+        """What made the last frame's estimate."""
+        return self._prepare().full.result() if self._on_full else self._small
 
     def _rest_on(self) -> None:
         """Nothing presses now; where that goes on, there is time for what the first estimate does without."""

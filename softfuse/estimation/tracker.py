@@ -255,8 +255,9 @@ class Tracker:
         if search is not None:
             lone = seen.pressing.sum() == 1 and bool((seen.pressing & seen.unseen).any())
             fit = self._unseen.fit(fresh=not self._force_N.any()) if lone else None
-            if search.seek(seen, self._told(seen), self._force_N, fit) and len(self._upper) == self._split:
-                self.estimator.reset()
+            if search.seek(seen, self._told(seen), self._force_N, fit):
+                # A force that jumps along a slender body would throw it further than a step can follow.
+                self.estimator.go_back()
             if search.sought:
                 places, prior = search.taken(seen), search.prior(seen)
         aim = Aim.on_host(reading, whitening(uncertain, valid), places, prior)
@@ -270,6 +271,8 @@ class Tracker:
             nothing = np.where(unknown[:, None] | unknown, np.nan, 0.0)
             lost = self._nothing(now, seen)
             return lost._replace(drive=drive, covariance=nothing, evidence=None, doubts=[Status.inverted])
+        if not (seen.pressing.any() or np.any(now.touching)):
+            self.estimator.keep()
         self._stroke = float(np.linalg.norm((reading - found.misfit)[self._strokes]))
         self._unseen.model(reading - found.misfit, found, self._split)
         elapsed = time_s - self._seen_s
