@@ -28,7 +28,7 @@ def compilations() -> Iterator[list[str]]:
 def wait_until_compiled(estimator: Estimator) -> None:
     """As after some seconds of running."""
     live = estimator.live
-    live.begin(live.first, live.first.rest.state, live.places)
+    live.begin(live.first, live.first.rest, live.places)
 
 
 def latencies(taken: Sequence[tuple[float, float]]) -> dict[str, list[float]]:

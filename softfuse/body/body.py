@@ -20,7 +20,7 @@ from softfuse.body.element import TAYLOR_HOOD, Element, frames
 from softfuse.body.region import Region
 from softfuse.errors import MeshError, SoftfuseError
 from softfuse.material.base import AbstractMaterial
-from softfuse.material.components import determinant
+from softfuse.material.components import Tensor, determinant
 from softfuse.mesh.tetmesh import TetMesh, linear, quadratic
 
 
@@ -29,7 +29,8 @@ class Body(AbstractBody):
 
     `frames` [m²], `volumes` [m³] and `weight` [N] are what `from_mesh` and `with_rest` compute from rest
     nodes, densities and gravity: see `Region` and `lagrangian`. `factors` [-]: how many times as stiff as
-    its material each element is; None: all just as stiff.
+    its material each element is; None: all just as stiff. `excess` [Pa]: of each material, see `Region`; None
+    but in what `expecting` makes.
     """
 
     rest: Float[Array, "k 3"]
@@ -49,6 +50,7 @@ class Body(AbstractBody):
     counts: tuple[int, ...] = eqx.field(static=True)
     n_displacements: int = eqx.field(static=True)
     n: int = eqx.field(static=True)
+    excess: tuple[Tensor, ...] | None = None
 
     @classmethod
     def from_mesh(
@@ -178,7 +180,7 @@ class Body(AbstractBody):
     def regions(self) -> Iterator[Region]:
         """The elements of each material."""
         start = 0
-        for material, count in zip(self.materials, self.counts, strict=True):
+        for number, (material, count) in enumerate(zip(self.materials, self.counts, strict=True)):
             part = slice(start, start + count)
             start += count
             yield Region(
@@ -190,6 +192,7 @@ class Body(AbstractBody):
                 self.pressure_unknowns[:, part],
                 self.pressure_unit,
                 None if self.factors is None else self.factors[part],
+                None if self.excess is None else self.excess[number],
             )
 
     def lagrangian(self, z: Float[Array, " n"]) -> Float[Array, ""]:
@@ -225,11 +228,10 @@ class Body(AbstractBody):
         first = masses @ (self.rest + self.displacement(z))
         return jnp.concatenate([jnp.sum(masses) * self.gravity, jnp.cross(first, self.gravity)])
 
-    def tangents_after(self, z: Float[Array, " n"], step: Float[Array, " n"]) -> Float[Array, "e d d"]:
-        """The same for the stresses that were expected of the last step (n,): see `Region.expecting`."""
+    def expecting(self, z: Float[Array, " n"], step: Float[Array, " n"]) -> "Body":
+        """The body with the stresses at z that were expected of a step (n,) to there: see `Region.excess`."""
         padded, step = _with_held(z), _with_held(step)
-        parts = [region.expecting(padded, step).tangents(padded) for region in self.regions()]
-        return parts[0] if len(parts) == 1 else jnp.concatenate(parts)
+        return replace(self, excess=tuple(region.excess_after(padded, step) for region in self.regions()))
 
     @property
     def inertia(self) -> Float[Array, "e d d"]:

@@ -32,7 +32,7 @@ class Region(NamedTuple):
     (3, a, e) and pressures (c, e), and how many times as stiff each is (e,), None: all just as stiff.
 
     `excess` (q, e) [Pa]: a second Piola-Kirchhoff stress that tangents have beyond that of the strain, see
-    `expecting`.
+    `excess_after`.
     """
 
     element: Element
@@ -80,8 +80,8 @@ class Region(NamedTuple):
     def _of_material(self, f: Tensor, pressure: Float[Array, "q e"]) -> Float[Array, "q e"]:
         return self.element.density(*self.material.measures(f), self.material.lame, pressure)
 
-    def expecting(self, z: Float[Array, " n_plus_1"], step: Float[Array, " n_plus_1"]) -> "Region":
-        """The elements at z with the stress S that their tangent at z − step expected of the step.
+    def excess_after(self, z: Float[Array, " n_plus_1"], step: Float[Array, " n_plus_1"]) -> Tensor:
+        """By how much the stress S that the tangent at z − step expected of the step exceeds S(z).
 
         A step that turns a slender body stretches it, which a linear S does not see: Newton's method with
         S as an unknown of its own, of which no more is left than its excess over S(z), is not led astray by
@@ -98,7 +98,7 @@ class Region(NamedTuple):
         expected = jax.tree.map(jnp.add, *jax.jvp(stress, (z - step,), (step,)))
         excess = jax.tree.map(jnp.subtract, expected, stress(z))
         # Or XLA computes it anew for every column of the tangents.
-        return self._replace(excess=jax.lax.optimization_barrier(excess))
+        return jax.lax.optimization_barrier(excess)
 
     def energy(self, z: Float[Array, " n_plus_1"]) -> Float[Array, ""]:
         """Σ_e Σ_q w density [J]."""

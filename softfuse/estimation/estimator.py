@@ -130,11 +130,11 @@ class Estimator:
                 seen = seen.found_at(told.report.offset)
             fresh = self._renew
             if fresh:
-                carried = self.live.begin(self._ready, carried.state, seen.places)
+                carried = self.live.begin(self._ready, carried, seen.places)
             after, told = self.live.step(self._ready, carried, limits, seen)
             if not told.report.contraction <= self.settings.redo_contraction and not fresh:
                 fresh = True
-                carried = self.live.begin(self._ready, carried.state, seen.places)
+                carried = self.live.begin(self._ready, carried, seen.places)
                 after, told = self.live.step(self._ready, carried, limits, seen)
             # A factor that was just made would not get better by making it again.
             self._renew = bool(told.report.contraction > self.settings.refresh_contraction) and not fresh

@@ -33,9 +33,12 @@ _NO_MOTION = 1e-12
 
 
 class Carried(NamedTuple):
-    """From frame to frame: the state, r(z) (n,) there, and the factor of a tangent `made_at` a state (n,)."""
+    """From frame to frame: the state, the `last` step (n,) to it, the factor of a tangent `made_at` a state
+    (n,), and r(z) (n,) at the state.
+    """
 
     state: State
+    last: Float[Array, " n"]
     factor: PyTree[Array]
     made_at: Float[Array, " n"]
     resistance: Float[Array, " n"]
@@ -52,6 +55,7 @@ class _After(NamedTuple):
     """What a step's program returns."""
 
     state: State
+    last: Float[Array, " n"]
     resistance: Float[Array, " n"]
     told: Packed
 
@@ -68,17 +72,18 @@ def _rest(static: Model, arrays: Model, places: Array) -> State:
     return eqx.combine(arrays, static).rest_state(places)
 
 
-def _begun(static: Model, arrays: Model, state: State, places: Array) -> Carried:
+def _begun(static: Model, arrays: Model, state: State, last: Float[Array, " n"], places: Array) -> Carried:
     model = eqx.combine(arrays, static)
-    factor = model.linear.factor(loaded_tangents(model.body, model.loads(places), state))
-    return Carried(state, factor, state.z, model.body.residual(state.z))
+    body = model.body.expecting(state.z, last)
+    factor = model.linear.factor(loaded_tangents(body, model.loads(places), state))
+    return Carried(state, last, factor, state.z, model.body.residual(state.z))
 
 
-def _known(static: Model, arrays: Model, state: State, places: Array) -> Carried:
+def _known(static: Model, arrays: Model, state: State, last: Float[Array, " n"], places: Array) -> Carried:
     del places
     model = eqx.combine(arrays, static)
     rest = jnp.zeros_like(state.z)
-    return Carried(state, model.linear.at_rest(), rest, model.body.residual(state.z))
+    return Carried(state, last, model.linear.at_rest(), rest, model.body.residual(state.z))
 
 
 def _stepped(
@@ -95,6 +100,7 @@ def _stepped(
         carried.state,
         seen,
         refinements=refinements,
+        last=carried.last,
         resistance=carried.resistance,
     )
     resistance = model.body.residual(after.z)
@@ -102,7 +108,7 @@ def _stepped(
         left = _left_to_do(model, factor, carried.state, after, resistance, seen.places)
         report = report._replace(contraction=left)
     told = reports.pack(Stepped(after.drive, report))
-    return _After(after, resistance, told)
+    return _After(after, after.z - carried.state.z, resistance, told)
 
 
 def _left_to_do(
@@ -146,7 +152,8 @@ class LiveStep:
             seen = Observation(readings, white, places, self._prior)
             self._frames = Packing.of((limits, seen))
             self._reports = Packing.of(_report_like(model, drive, seen))
-            on = lowered(_known if static.linear.knows else _begun, static, arrays, rest.result, places)
+            makes = _known if static.linear.knows else _begun
+            on = lowered(makes, static, arrays, rest.result, rest.result.z, places)
             goes_on = aside.submit(on.compile)
             fixed = static, 0 if static.linear.knows else refinements, self._frames, self._reports
             step = lowered(_stepped, fixed, arrays, on.result, self._frames.vectors)
@@ -171,20 +178,21 @@ class LiveStep:
         the first steps need no new one.
         """
         if self._begun is None:
-            given = self.first.arrays, self.first.rest.state, self.places
+            rest = self.first.rest
+            given = self.first.arrays, rest.state, rest.last, self.places
             thread = ThreadPoolExecutor(1)
             self._begun = thread.submit(lambda: lowered(_begun, self._static, *given).compile())
             thread.shutdown(wait=False)
 
-    def begin(self, ready: Ready, state: State, places: Array) -> Carried:
-        """What is carried from a state on, under contacts at `places` (c, ...), with a new factor."""
+    def begin(self, ready: Ready, carried: Carried, places: Array) -> Carried:
+        """The same with a new factor, under contacts at `places` (c, ...)."""
         self.prepare_begin()
         assert self._begun is not None
-        return self._begun.result()(ready.arrays, state, places)
+        return self._begun.result()(ready.arrays, carried.state, carried.last, places)
 
     def go_on(self, ready: Ready, state: State, places: Array) -> Carried:
-        """What is carried from a state on; no factor is made where such are known."""
-        return self._on(ready.arrays, state, places)
+        """What is carried from a state near an equilibrium on; no factor is made where such are known."""
+        return self._on(ready.arrays, state, np.zeros(state.z.shape), places)
 
     def step(
         self, ready: Ready, carried: Carried, limits: Limits, seen: Observation
@@ -193,10 +201,10 @@ class LiveStep:
         seen = seen if seen.prior is not None else seen._replace(prior=self._prior)
         after = ready.step(carried, self._frames.pack((limits, seen), np))
         told = self._reports.unpack({kind: np.asarray(vector) for kind, vector in after.told.items()})
-        return carried._replace(state=after.state, resistance=after.resistance), told
+        return carried._replace(state=after.state, last=after.last, resistance=after.resistance), told
 
     def _ready(self, arrays: Model, rest: State) -> Ready:
-        carried = self._on(arrays, rest, self.places)
+        carried = self._on(arrays, rest, np.zeros(rest.z.shape), self.places)
         if not all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(carried.factor)):
             raise SolveError(
                 "the body's stiffness at rest is singular: fix more nodes, or mend materials and mesh"

@@ -7,7 +7,9 @@ and the linear system around them,
 
 gives the equilibrium's correction at δu = δp = 0, and the sensitivities dz/du and dz/dp. The factor of K may
 belong to an older tangent: refinements with the tangent's own action make up for it, and their first
-contraction is returned so that the caller knows when a new factor pays. A second refinement is made only
+contraction is returned so that the caller knows when a new factor pays. K has the stresses that the last step
+expected (`AbstractBody.expecting`): a long step stretches a slender body to second order, and with the
+stresses of that K would be far from the tangent of any equilibrium near. A second refinement is made only
 where the first did not come close, and the correction is refined only where its error would be felt.
 """
 
@@ -67,10 +69,12 @@ def motion(
     *,
     by_place: Bool[Array, ""] | bool,
     refinements: int,
+    last: Float[Array, " n"] | None = None,
     resistance: Float[Array, " n"] | None = None,
 ) -> Motion:
     """The motion of a state under contacts at places (c, 3, 3), with drives and, where asked for, `by_place`,
-    with K⁻¹ as the map `inverse`, refined up to `refinements` times. `resistance` (n,): r(z), where known.
+    with K⁻¹ as the map `inverse`, refined up to `refinements` times. `last` (n,): the step to that state,
+    None where it is an equilibrium; `resistance` (n,): r(z), where known.
 
     Where `by_place` is an array, motions with places are there in any case, all 0 where it is false.
     """
@@ -83,7 +87,8 @@ def motion(
     system = coupled(loads, linear, slope)
     pushed = system.pushed
     at = State(state.z, settled.force, settled.internal, state.drive)
-    stiffness = stiffness_map(body, loads, at)
+    expecting = body if last is None else body.expecting(state.z, last)
+    stiffness = stiffness_map(expecting, loads, at)
 
     def improving(load, law):
         def improve(dz, dx):

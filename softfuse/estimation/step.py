@@ -140,10 +140,11 @@ def advance(
     seen: Observation,
     *,
     refinements: int,
+    last: Float[Array, " n"],
     resistance: Float[Array, " n"] | None = None,
 ) -> tuple[State, StepReport]:
     """One estimate step with K⁻¹ as the map `inverse`, refined up to `refinements` times; the state after it,
-    and its report. `resistance` (n,): r(z) of the state, where it is known.
+    and its report. `last` (n,), `resistance` (n,): see `motion`.
     """
     prior, drives = seen.prior, state.drive.shape[0]
     moving = motion(
@@ -153,6 +154,7 @@ def advance(
         seen.places,
         by_place=False if prior is None else jnp.any(prior.spread != 0),
         refinements=refinements,
+        last=last,
         resistance=resistance,
     )
     value, w = moving.derivative(lambda s: model.reading(s, seen.places))
@@ -214,6 +216,7 @@ def estimate_step(
     seen: Observation,
     *,
     refinements: int = 2,
+    last: Float[Array, " n"],
     resistance: Float[Array, " n"] | None = None,
 ) -> tuple[State, StepReport]:
     """The live step: an `advance` with a factor of a nearby tangent, by its solver. Pure; compiled once."""
@@ -221,7 +224,9 @@ def estimate_step(
     def inverse(b):
         return model.linear.solve(factor, b)
 
-    return advance(model, limits, inverse, state, seen, refinements=refinements, resistance=resistance)
+    return advance(
+        model, limits, inverse, state, seen, refinements=refinements, last=last, resistance=resistance
+    )
 
 
 def exact_steps(
@@ -230,10 +235,12 @@ def exact_steps(
     """`steps` estimate steps, each with its state's tangent; differentiable in everything, through all."""
 
     def step(carry, _):
-        state, seen = carry
-        inverse = tangent_at(model.linear, model.body, model.loads(seen.places), state)
-        state, report = advance(model, limits, inverse, state, seen, refinements=0)
-        return (state, seen.found_at(report.offset)), report
+        state, last, seen = carry
+        inverse = tangent_at(
+            model.linear, model.body.expecting(state.z, last), model.loads(seen.places), state
+        )
+        after, report = advance(model, limits, inverse, state, seen, refinements=0, last=last)
+        return (after, after.z - state.z, seen.found_at(report.offset)), report
 
-    (state, _), reports = jax.lax.scan(step, (state, seen), length=steps)
+    (state, *_), reports = jax.lax.scan(step, (state, jnp.zeros_like(state.z), seen), length=steps)
     return state, jax.tree.map(lambda each: each[-1], reports)

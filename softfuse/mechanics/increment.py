@@ -2,7 +2,7 @@
 
 One iteration linearises the body, K δz = Σ f ∂y/∂z − r(z), lets the loads find their forces on the linearised
 body (`interface`), by smooth laws to first order, and moves along δz. Stresses are unknowns of their own
-between iterations (`AbstractBody.tangents_after`), which is why whole steps serve also where a slender body
+between iterations (`AbstractBody.expecting`), which is why whole steps serve also where a slender body
 turns by a right angle; a step is halved only where an element would lose nine tenths of its volume.
 
 With a drag d > 0 it is the flow d M ẋ = Σ f ∂y/∂z − r of an overdamped body, M its `inertia`, by one linearly
@@ -145,7 +145,7 @@ def _iterate(
 ) -> Increment:
     # Each iteration solves only for what is out of balance, so that a rough factor serves.
     state, flowing = at.state, at.drag > 0
-    tangents = body.tangents_after(state.z, at.last) + at.drag * body.inertia
+    tangents = body.expecting(state.z, at.last).element_tangents(state.z) + at.drag * body.inertia
     factor = solver.factor(loads.stiffen(body, state.z, state.force, tangents))
     linear, sagged = linearise_beside(
         body,
