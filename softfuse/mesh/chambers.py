@@ -25,6 +25,9 @@ _SAME = 1e-3
 _FIT = 0.25
 """Mean edges of a mesh by which its void may be off a chamber's surface."""
 
+_BEHIND, _ALONG = 0.25, 0.7
+"""Mean edges up to which what is behind a mouth's plane, and faces along it (cosine), is skin around it."""
+
 
 def hollowed(body: Shell, chambers: Sequence[Shell]) -> Shell:
     """The shell of a body with a void for each chamber, closed surfaces inside it in m.
@@ -87,8 +90,10 @@ def open_void(
     corners = mesh.nodes[skin.faces[:, :3]]
     normal = np.asarray(outwards, float) / np.linalg.norm(outwards)
     edge = float(edge_lengths(mesh).mean())
-    # On the inner side of the mouth's plane, or in it and facing the void: sides of the rim lie in the plane.
-    before = (corners.mean(axis=1) - mouth) @ normal < -1e-3 * edge
+    # On the inner side of the mouth's plane, but not the skin around the mouth: a mesher leaves that in the
+    # plane no better than within a small part of an edge.
+    depth, facing = (mouth - corners.mean(axis=1)) @ normal, _normals(corners) @ normal
+    before = (depth > 1e-3 * edge) & ((depth > _BEHIND * edge) | (facing < _ALONG))
     label = _connected(skin, before)
     nearest = _seen_from(np.asarray(inside, float), corners)
     part = -1 if nearest is None else label[nearest]
@@ -124,11 +129,17 @@ def _connected(skin: Surface, kept: np.ndarray) -> np.ndarray:
 
 def _seen_from(point: np.ndarray, corners: np.ndarray) -> int | None:
     """The nearest face whose normal, out of the material, looks towards the point; None without any."""
-    a, b, c = (corners[:, k] for k in range(3))
     middle = corners.mean(axis=1)
-    towards = np.einsum("fi,fi->f", np.cross(b - a, c - a), point - middle) > 0.0
+    towards = np.einsum("fi,fi->f", _normals(corners), point - middle) > 0.0
     far = np.where(towards, np.linalg.norm(middle - point, axis=1), np.inf)
     return int(np.argmin(far)) if towards.any() else None
+
+
+def _normals(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "f 3"]:
+    """Of length 1, out of the material."""
+    a, b, c = (corners[:, k] for k in range(3))
+    across = np.cross(b - a, c - a)
+    return across / np.linalg.norm(across, axis=1, keepdims=True)
 
 
 def _rims(walls: Surface) -> list[np.ndarray]:

@@ -90,6 +90,16 @@ def test_an_open_void_is_closed_by_a_cap_over_its_rim(order: int) -> None:
     assert float(volume(jnp.asarray(mesh.nodes))) == pytest.approx(24 * MM**3, rel=1e-12)
 
 
+def test_the_skin_around_a_mouth_need_not_be_flat() -> None:
+    """A mesher leaves it within its envelope: here up to a tenth of an edge behind the mouth's plane."""
+    mesh = hollow(x=4, opened=True)
+    nodes, off = mesh.nodes.copy(), np.random.default_rng(1)
+    around = nodes[:, 0] == 0.0
+    nodes[around, 0] += off.uniform(0.0, 0.1 * MM, around.sum())
+    wall = open_void(tet_mesh(nodes, mesh.tets), INSIDE, MOUTH, OUTWARDS)
+    assert len(wall.faces) == len(opened()[1].faces)
+
+
 def test_the_capped_volume_does_not_change_when_the_body_moves_and_follows_its_stretch() -> None:
     mesh, wall = opened(2)
     volume = Cavity.of(wall.faces)
