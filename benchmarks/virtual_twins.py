@@ -31,6 +31,9 @@ PART, PRESSED = 0.2, 0.4
 BEFORE = 5
 """Frames before a sample that are estimated, too."""
 
+TELL_EVERY = 200
+"""Frames after which is told how many have been followed."""
+
 
 def recorded(settings: sf.RobotSettings, presses: int, seed: int, out: Path) -> Path:
     """A recording of the twin."""
@@ -64,8 +67,10 @@ def followed(robot: sf.Robot, recording: sf.Recording, every: int) -> sf.Study:
     estimated[np.maximum(samples[:, None] - np.arange(1, BEFORE + 1), 0)] = True
     study = sf.Study(robot, recording.rows(np.flatnonzero(estimated)))
     frames = zip(sf.sensor_frames(robot.settings, recording), estimated.tolist(), strict=True)
-    for now in sf.follow(tracker, frames):
+    for count, now in enumerate(sf.follow(tracker, frames)):
         study.see(now)
+        if count % TELL_EVERY == 0:
+            print(f"followed {count} of {estimated.sum()} frames", flush=True)
     return study
 
 
