@@ -53,16 +53,19 @@ def pattern_fit(
     covariance: Float[np.ndarray, "k k"],
     valid: Bool[np.ndarray, " k"],
     kind: Int[np.ndarray, " k"] | None = None,
+    misfit: Float[np.ndarray, " k"] | None = None,
 ) -> "PatternFit":
     """How well a press at each place (s, 3, 3), `pitch_m` (2,) apart, with readings per newton (s, k) [SI/N]
-    explains valid readings (k,) of a covariance (k, k) and of so many kinds (k,), see `model_error.missed`.
+    explains valid readings (k,) of a covariance (k, k) and of so many kinds (k,), see `model_error.missed`;
+    and how well the estimate before does, which left a `misfit` (k,), None where there was none.
     """
     reading = np.where(valid, reading, 0.0)
     white = whitening(covariance + np.diag(missed(reading, _CHANGED, kind) ** 2), valid)
     seen, slope = white @ reading, slope @ white.T
     size = np.maximum(np.sum(slope**2, axis=1), np.finfo(float).tiny)
     force = np.maximum(slope @ seen, 0.0) / size
-    return PatternFit(places, pitch_m, force, seen @ seen - force**2 * size, float(seen @ seen))
+    left = np.inf if misfit is None else float(np.sum((white @ np.where(valid, misfit, 0.0)) ** 2))
+    return PatternFit(places, pitch_m, force, seen @ seen - force**2 * size, float(seen @ seen), left)
 
 
 class Elsewhere(NamedTuple):
@@ -78,7 +81,7 @@ class Elsewhere(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class PatternFit:
     """The force (s,) [N] that explains readings best at each place (s, 3, 3), `pitch_m` (2,) apart, and its
-    χ² (s,); and χ² without any.
+    χ² (s,); χ² without any, and of what the estimate before `left`, infinite where there was none.
     """
 
     place: Float[np.ndarray, "s 3 3"]
@@ -86,6 +89,7 @@ class PatternFit:
     force_N: Float[np.ndarray, " s"]
     missing: Float[np.ndarray, " s"]
     unexplained: float
+    left: float = np.inf
 
     @property
     def best(self) -> int:
@@ -93,9 +97,12 @@ class PatternFit:
         return int(np.argmin(self.missing))
 
     def better(self, place: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"] | None:
-        """The best place (3, 3), None where it is not clearly better than another one (3, 3)."""
+        """The best place (3, 3), None where it is not clearly better than the estimate's (3, 3): than a small
+        force there and than the estimate itself, which knows how patterns change under larger ones.
+        """
         here = np.argmin(np.sum((self.place[:, 0] - place[0]) ** 2, axis=1))
-        return self.place[self.best] if self.missing[here] - self.missing[self.best] > _CLEARLY else None
+        missing = min(self.missing[here], self.left)
+        return self.place[self.best] if missing - self.missing[self.best] > _CLEARLY else None
 
     def elsewhere(self, place: Float[np.ndarray, "3 3"], force_N: float) -> Elsewhere:
         """Presses that explain readings too, beyond a pitch from one at a place (3, 3) with a force [N]."""
@@ -202,6 +209,7 @@ class UnseenTouch:
     def reset(self) -> None:
         """Forget the past: nothing has been read, nothing touches."""
         self._slopes: Float[np.ndarray, "s k"] | None = None
+        self._misfit: Float[np.ndarray, " k"] | None = None
         self._posture = np.zeros(0)
         self._unpressed, self._attached = np.zeros(self._readings), np.zeros(len(self._range))
         self.lose()
@@ -209,7 +217,7 @@ class UnseenTouch:
     def lose(self) -> None:
         """What is read is not explained, as the estimate was lost."""
         self._touch.reset()
-        self._unexplained = np.full(self._readings, np.nan)
+        self._unexplained, self._misfit = np.full(self._readings, np.nan), None
         self._uncertain = np.zeros((self._readings, self._readings))
         self._error, self._sigma = ModelError(), np.zeros(self._readings)
 
@@ -253,6 +261,7 @@ class UnseenTouch:
     def model(self, modelled: Float[np.ndarray, " k"], found: Estimate, contact_drives: int) -> None:
         """What the model reads (k,) of an estimate whose first `contact_drives` drives are contacts'."""
         force, attached = np.split(np.asarray(found.drive), [contact_drives])
+        self._misfit = np.asarray(found.misfit)
         by_drive = np.asarray(found.report.compliance)[:, contact_drives:]
         added = self._unpressed + by_drive @ (attached - self._attached)
         before, self._unpressed = self._unpressed, added if force.any() else modelled
@@ -280,6 +289,7 @@ class UnseenTouch:
             self._uncertain,
             np.isfinite(reading),
             kinds,
+            self._misfit,
         )
 
     def follow(self, force_N: float, sigma_N: float, *, seen: bool, pressed: bool) -> None:

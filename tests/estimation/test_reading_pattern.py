@@ -28,9 +28,15 @@ class Pattern(NamedTuple):
     pitch_m: np.ndarray
     slope: np.ndarray
 
-    def fitted(self, reading: np.ndarray, covariance: np.ndarray, valid: np.ndarray) -> PatternFit:
-        """How well a press at each place explains readings."""
-        return pattern_fit(*self, reading, covariance, valid)
+    def fitted(
+        self,
+        reading: np.ndarray,
+        covariance: np.ndarray,
+        valid: np.ndarray,
+        misfit: np.ndarray | None = None,
+    ) -> PatternFit:
+        """How well a press at each place explains readings, and an estimate that left a misfit."""
+        return pattern_fit(*self, reading, covariance, valid, misfit=misfit)
 
 
 @pytest.fixture(scope="module")
@@ -100,6 +106,10 @@ def test_a_search_begins_anew_only_where_readings_say_so_clearly(pattern: Patter
     assert found is not None and abs(found[0, 0] - right[0, 0]) < 1e-9
     assert pattern.fitted(reading, sure, valid).better(found) is None
     assert pattern.fitted(reading, unsure, valid).better(left) is None
+    # An estimate that explains them stays where it is, however far patterns of small forces are from them.
+    explained, unexplained = (pattern.fitted(reading, sure, valid, off * reading) for off in (1e-3, 0.5))
+    assert explained.better(left) is None
+    np.testing.assert_array_equal(unexplained.better(left), found)
     # A cavity that is not known tells nothing.
     one = pattern.fitted(np.array([np.nan, reading[1]]), sure, np.array([False, True]))
     assert one.better(left) is None
