@@ -209,7 +209,6 @@ class UnseenTouch:
     def reset(self) -> None:
         """Forget the past: nothing has been read, nothing touches."""
         self._slopes: Float[np.ndarray, "s k"] | None = None
-        self._misfit: Float[np.ndarray, " k"] | None = None
         self._posture = np.zeros(0)
         self._unpressed, self._attached = np.zeros(self._readings), np.zeros(len(self._range))
         self.lose()
@@ -217,7 +216,8 @@ class UnseenTouch:
     def lose(self) -> None:
         """What is read is not explained, as the estimate was lost."""
         self._touch.reset()
-        self._unexplained, self._misfit = np.full(self._readings, np.nan), None
+        self._unexplained = np.full(self._readings, np.nan)
+        self._misfit: Float[np.ndarray, " k"] | None = None
         self._uncertain = np.zeros((self._readings, self._readings))
         self._error, self._sigma = ModelError(), np.zeros(self._readings)
 

@@ -123,7 +123,7 @@ class SurfaceWorkspace(AbstractWorkspace):
         if not kept.any():
             raise MeshError("no part of the outer surface is in these ranges: widen them")
         points, facing = points[kept], facing[kept]
-        chosen = _spread_out(points, spacing)
+        chosen = spread_out(points, spacing=spacing)
         places = framed(points[chosen], facing[chosen])
         return cls(corners, normals, places, float(spacing))
 
@@ -218,11 +218,15 @@ def framed(points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) 
     return np.stack([points, u, np.cross(normals, u)], axis=1)
 
 
-def _spread_out(points: Float[np.ndarray, "n 3"], spacing: float) -> Int[np.ndarray, " s"]:
-    """Numbers (s,) of points (n, 3) m, each furthest from those before, until all are within a spacing."""
+def spread_out(
+    points: Float[np.ndarray, "n 3"], *, spacing: float = 0.0, most: int | None = None
+) -> Int[np.ndarray, " s"]:
+    """Numbers (s,) of points (n, 3) m, each furthest from those before, until all are within a spacing, or
+    there are so many; the first is the first.
+    """
     chosen = [0]
     away = np.linalg.norm(points - points[0], axis=1)
-    while away.max() > spacing:
+    while away.max() > spacing and len(chosen) != most:
         chosen.append(int(np.argmax(away)))
         away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
     return np.array(chosen)

@@ -17,6 +17,7 @@ from softfuse.calibration.of_robot import Fitted, build_pose_prior, pose_edits
 from softfuse.calibration.presses import Answer, Applied
 from softfuse.calibration.robust import Discrepancy
 from softfuse.estimation.model_error import write_spread
+from softfuse.functional.workspace import spread_out
 from softfuse.mechanics.solution import State
 from softfuse.report.presses import Felt
 from softfuse.robot.file import Edits
@@ -55,7 +56,7 @@ def further(
     else:
         places, _ = workspace.grid(_SIDE)
         if contact.direction is None:
-            places = places[far_apart(places[:, 0], _MOST_PLACES)]
+            places = places[spread_out(places[:, 0], most=_MOST_PLACES)]
     driven = least_and_most(applied.prescribed)
     like, contacts = np.repeat(driven, len(places)), applied.place.shape[1]
     place = np.repeat(np.tile(places, (len(driven), 1, 1))[:, None], contacts, axis=1)
@@ -63,15 +64,6 @@ def further(
     force[:, 0] = force_N
     near = tuple(states[sample] for sample in like) if len(driven) > 1 else None
     return Applied(place, force, applied.prescribed[like], -1 - np.arange(len(place))), near
-
-
-def far_apart(points: Float[np.ndarray, "s 3"], most: int) -> Int[np.ndarray, " n"]:
-    """Numbers of the points that are furthest from those before, so many at most; the first is the first."""
-    chosen, gap = [0], np.linalg.norm(points - points[0], axis=1)
-    while len(chosen) < min(most, len(points)):
-        chosen.append(int(np.argmax(gap)))
-        gap = np.minimum(gap, np.linalg.norm(points - points[chosen[-1]], axis=1))
-    return np.array(chosen)
 
 
 def least_and_most(prescribed: Float[np.ndarray, "s a"]) -> Int[np.ndarray, " n"]:

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from softfuse.calibration.robust import Discrepancy
-from softfuse.report.certainty import error_edits, far_apart, least_and_most
+from softfuse.functional.workspace import spread_out
+from softfuse.report.certainty import error_edits, least_and_most
 from softfuse.robot.file import load, save_edited
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -27,8 +28,8 @@ def test_one_sample_says_all_where_nothing_moves() -> None:
 def test_places_are_looked_at_far_apart() -> None:
     """Of a row the ends come first, then the middle."""
     row = np.linspace(0.0, 1.0, 9)[:, None] * np.array([1.0, 2.0, 0.0])
-    assert far_apart(row, 3).tolist() == [0, 8, 4]
-    assert sorted(far_apart(row, 20).tolist()) == list(range(9))
+    assert spread_out(row, most=3).tolist() == [0, 8, 4]
+    assert sorted(spread_out(row, most=20).tolist()) == list(range(9))
 
 
 def test_the_model_error_that_presses_tell_is_counted_once(tmp_path: Path) -> None:
