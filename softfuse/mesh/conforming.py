@@ -31,7 +31,7 @@ from softfuse.mesh.tetmesh import FACES6, TetMesh, quadratic, tet_mesh
 if TYPE_CHECKING:
     import trimesh
 
-_KEPT = 0.3
+KEPT = 0.3
 """Part of its mean ratio that each tetrahedron keeps, with straight edges and with curved ones."""
 
 _LEAST = 1.0 / 16.0
@@ -61,7 +61,7 @@ def conforming(mesh: TetMesh, shell: Shell, inserts: Sequence[Shell], within: fl
     MeshError when the mesh falls into several parts.
     """
     straight = quadratic(mesh)
-    least = _KEPT * mean_ratios(straight)
+    least = KEPT * mean_ratios(straight)
     walls = cavities(straight)
     outer = np.unique(boundary_faces(straight).faces)
     between = np.setdiff1d(_interface_nodes(straight), outer)
@@ -70,9 +70,11 @@ def conforming(mesh: TetMesh, shell: Shell, inserts: Sequence[Shell], within: fl
     for nodes, triangles in ((outer, skin), (between, _triangles(inserts))):
         if len(nodes) and triangles:
             way[nodes] = _ways(straight.nodes[nodes], triangles, within)
-    found = _moved(straight, way, least)
+    found = moved_within(straight, way, least)
     for _ in range(_ROUNDS if walls else 0):
-        found = _moved(found, _missing(found, np.vstack([wall.faces for wall in walls]), skin, within), least)
+        found = moved_within(
+            found, _missing(found, np.vstack([wall.faces for wall in walls]), skin, within), least
+        )
     return found
 
 
@@ -123,7 +125,10 @@ def _missing(
     return result
 
 
-def _moved(mesh: TetMesh, way: Float[np.ndarray, "n 3"], least: Float[np.ndarray, " m"]) -> TetMesh:
+def moved_within(mesh: TetMesh, way: Float[np.ndarray, "n 3"], least: Float[np.ndarray, " m"]) -> TetMesh:
+    """The quadratic mesh with its nodes moved by a way (n, 3) m, less far or not at all where that would take
+    a tetrahedron's mean ratio, straight or curved, below its `least` (m,).
+    """
     part = np.ones((len(way), 1))
     while True:
         moved = tet_mesh(mesh.nodes + part * way, mesh.tets, region=mesh.region)

@@ -7,7 +7,8 @@ the bounding box of middle X_m and size L (by component), solved with linear ele
 of nodes and tetrahedra, and quantities before and after can be compared one by one.
 
 Of a quadratic mesh, nodes in the middle of edges are given d too where they lie on walls, and the mean of
-their ends elsewhere: curved walls keep their shape, a quadric stays one.
+their ends elsewhere: curved walls keep their shape, a quadric stays one. Where that would press a tetrahedron
+flat, as between walls that come close, its edges become straighter.
 """
 
 from dataclasses import replace
@@ -18,7 +19,9 @@ from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu
 
 from softfuse.errors import MeshError
+from softfuse.mesh.conforming import KEPT, moved_within
 from softfuse.mesh.orientation import check
+from softfuse.mesh.quality import curved_mean_ratios, mean_ratios
 from softfuse.mesh.surface import cavities, outer_surface
 from softfuse.mesh.tetmesh import EDGES, TetMesh, linear, volumes
 
@@ -55,12 +58,24 @@ def reshaped_cavities(
     )
     moved = replace(mesh, nodes=mesh.nodes + displacement)
     try:
+        check(linear(moved))
+        if mesh.order == 2:
+            moved = replace(mesh, nodes=_curved(mesh, moved).nodes)
         check(moved)
     except MeshError as error:
         raise MeshError(
             f"the cavities are shifted too far or grown too much ({error}): mesh the new layout"
         ) from error
     return moved
+
+
+def _curved(mesh: TetMesh, moved: TetMesh) -> TetMesh:
+    """The moved mesh with its edges curved as far as tetrahedra keep their shape or the one they had."""
+    nodes = moved.nodes.copy()
+    nodes[mesh.tets[:, 4:]] = nodes[mesh.tets[:, EDGES]].mean(axis=2)
+    straight = replace(moved, nodes=nodes)
+    least = np.minimum(KEPT * mean_ratios(straight), curved_mean_ratios(mesh))
+    return moved_within(straight, moved.nodes - nodes, least)
 
 
 def wall_fields(

@@ -10,12 +10,12 @@ from softfuse.errors import MeshError
 from softfuse.mesh.bisection import TaggedTets, bisected
 from softfuse.mesh.block import block_mesh
 from softfuse.mesh.kuhn import kuhn_grid
-from softfuse.mesh.morph import moved_cavities, reshaped_cavities
+from softfuse.mesh.morph import moved_cavities, reshaped_cavities, wall_fields
 from softfuse.mesh.orientation import check, oriented
 from softfuse.mesh.pad import PadGeometry, pad_mesh
 from softfuse.mesh.quality import mean_ratios
 from softfuse.mesh.surface import boundary_faces, cavities, centroid, enclosed_volume, outer_surface
-from softfuse.mesh.tetmesh import TetMesh, edge_lengths, quadratic, tet_mesh, volumes
+from softfuse.mesh.tetmesh import TetMesh, edge_lengths, nodal_jacobians, quadratic, tet_mesh, volumes
 
 SIZES = [
     (0.1, 0.028, 0.0),
@@ -221,6 +221,32 @@ def test_cavities_are_resized_about_their_middles(geometry: PadGeometry, pad: Te
     np.testing.assert_allclose(after.nodes[skin], pad.nodes[skin], atol=1e-15)
     with pytest.raises(MeshError, match="3 growths are given for 4 cavities"):
         reshaped_cavities(pad, shifts, growths[:3])
+
+
+def test_curved_edges_become_straighter_where_walls_come_close(geometry: PadGeometry, pad: TetMesh) -> None:
+    before = quadratic(pad)
+    (wall, *_) = cavities(before, geometry.centres())
+    roof = np.unique(wall.faces[:, 3:])
+    high = before.nodes[wall.faces[:, :3], 2].max()
+    roof = roof[before.nodes[roof, 2] > high - 1e-9]
+    bulged = before.nodes.copy()
+    bulged[roof, 2] += 0.4e-3  # a roof that edges curve towards the skin
+    before = replace(before, nodes=bulged)
+    check(before)
+    shifts = np.zeros((4, 3))
+    shifts[0, 2] = 0.85 * (before.nodes[:, 2].max() - high)
+    stiff = before.nodes + np.einsum(
+        "ki,kn->ni", shifts, wall_fields(before, centres=geometry.centres())[:, 0]
+    )
+    assert nodal_jacobians(replace(before, nodes=stiff)).min() < 0
+    after = moved_cavities(before, shifts, centres=geometry.centres())
+    assert nodal_jacobians(after).min() > 0
+    n = before.n_corners
+    np.testing.assert_array_equal(after.nodes[:n], stiff[:n])
+    as_given = (after.nodes == stiff).all(axis=1)
+    assert as_given.mean() > 0.9
+    floor = np.unique(cavities(after, geometry.centres() + shifts)[1].faces)
+    assert as_given[floor].all()
 
 
 def test_cavities_moved_too_far_are_told(geometry: PadGeometry, pad: TetMesh) -> None:
