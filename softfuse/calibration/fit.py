@@ -3,8 +3,9 @@
 Rounds of Gauss-Newton: the robot answers with readings and slopes (`Adjustable`); on these, the discrepancy
 δ is the one that makes the readings most likely (`Discrepancy`), and the parameters those that explain them
 best (`robust`); then the robot is asked again. A step that gains less than half of what its slopes promise
-is tried again where a parabola is least. Rounds end when no step promises more than a fiftieth in the
-logarithm of the posterior: parameters are then within a fifth of their standard deviations.
+is tried again where a parabola is least, one to a robot that cannot carry its loads half as far. Rounds end
+when no step promises more than a fiftieth in the logarithm of the posterior: parameters are then within a
+fifth of their standard deviations.
 """
 
 from abc import ABC
@@ -18,7 +19,7 @@ from scipy.optimize import minimize
 from softfuse.calibration.adjustment import Measure
 from softfuse.calibration.presses import Adjustable, Answer, Applied, Presses
 from softfuse.calibration.robust import Discrepancy, Explained, Linear, Whitening, cost, explained
-from softfuse.errors import SoftfuseError
+from softfuse.errors import SoftfuseError, SolveError
 from softfuse.estimation.model_error import FLOOR, ReadingSpread
 from softfuse.mechanics.solution import State
 
@@ -109,10 +110,9 @@ def fit(
         at = _Round(presses, answer, z, prior, group)
         discrepancy = _likeliest(at)
         whitening, aim = discrepancy.whitening(presses), at.explained(discrepancy)
-        here, step = at.cost(whitening, answer, z), aim.z - z
-        promised = here - aim.cost
-        if promised < _SETTLED:
-            after = presses.reading - answer.reading - np.einsum("skp,p->sk", answer.slope, step * prior)
+        if at.cost(whitening, answer, z) - aim.cost < _SETTLED:
+            step = (aim.z - z) * prior
+            after = presses.reading - answer.reading - np.einsum("skp,p->sk", answer.slope, step)
             return Fit(
                 adjustable.adjustments.names,
                 adjustable.adjustments.measures,
@@ -125,22 +125,7 @@ def fit(
                 np.where(presses.told, aim.weight[group], 0.0),
                 answer.states,
             )
-        length, found = 1.0, (here, z, answer)
-        for _ in range(_SHORTENED):
-            tried = z + length * step
-            read = ask(tried, answer)
-            there = at.cost(whitening, read, tried)
-            found = min(found, (there, tried, read), key=lambda each: each[0])
-            if here - there > 0.5 * promised * length * (2 - length):
-                break
-            # Where the parabola through both ends is least, of slope −2 promised at z.
-            length = promised * length**2 / (there - here + 2 * promised * length)
-        if not found[0] < here:
-            raise SoftfuseError(
-                "the fit finds no better parameters although its slopes promise some: leave out the presses "
-                "that are furthest off"
-            )
-        _, z, answer = found
+        z, answer = at.stepped(ask, whitening, aim)
     raise SoftfuseError(
         f"the parameters still move after {rounds} rounds: narrow what may differ in [calibration]"
     )
@@ -175,6 +160,35 @@ class _Round:
         """What the parameters z, whose answer is given, cost."""
         left = whitening.of(self.presses.reading - answer.reading).ravel()
         return float(cost(left, self._linear(whitening), z, self.groups))
+
+    def stepped(
+        self, ask: Callable[..., Answer], whitening: Whitening, aim: Explained
+    ) -> tuple[Float[np.ndarray, " p"], Answer]:
+        """Better parameters on the way to those that explain the presses by their slopes, and their answer.
+
+        Raises SoftfuseError where none of those tried is better, SolveError where the last had no answer.
+        """
+        here, step = self.cost(whitening, self.answer, self.z), aim.z - self.z
+        promised, length, found, failed = here - aim.cost, 1.0, (here, self.z, self.answer), None
+        for _ in range(_SHORTENED):
+            tried = self.z + length * step
+            try:
+                read = ask(tried, self.answer)
+            except SolveError as error:
+                length, failed = length / 2, error
+                continue
+            there, failed = self.cost(whitening, read, tried), None
+            found = min(found, (there, tried, read), key=lambda each: each[0])
+            if here - there > 0.5 * promised * length * (2 - length):
+                break
+            # Where the parabola through both ends is least, of slope −2 promised at z.
+            length = promised * length**2 / (there - here + 2 * promised * length)
+        if not found[0] < here:
+            raise failed or SoftfuseError(
+                "the fit finds no better parameters although its slopes promise some: leave out the presses "
+                "that are furthest off"
+            )
+        return found[1:]
 
     def _linear(self, whitening: Whitening) -> Linear:
         slope = self.answer.slope * self.prior

@@ -1,7 +1,8 @@
 """A fit finds what a robot was made with from presses of it, and says what presses cannot tell."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, repeat
 
 import jax.numpy as jnp
 import numpy as np
@@ -140,6 +141,28 @@ def test_presses_without_an_equilibrium_are_left_out_where_they_are_not_needed(
 
 
 @pytest.mark.slow
+@dataclass(frozen=True, eq=False)
+class Frail(Adjustable):
+    """One that some of the parameters which are tried let collapse, in their order."""
+
+    collapses: Iterator[bool]
+
+    def answer(self, value, applied, **given):
+        if next(self.collapses):
+            raise SolveError("press 3 has no equilibrium")
+        return super().answer(value, applied, **given)
+
+
+def test_steps_are_shorter_where_a_robot_would_collapse(
+    adjustable: Adjustable, presses: Presses, found: Fit
+) -> None:
+    frail = Frail(adjustable.model, adjustable.adjustments, chain([False, True], repeat(False)))
+    assert np.all(np.abs(fit(frail, presses).value - found.value) < 0.3 * found.sigma)
+    frail = Frail(adjustable.model, adjustable.adjustments, chain([False], repeat(True)))
+    with pytest.raises(SolveError, match="press 3 has no equilibrium"):
+        fit(frail, presses)
+
+
 def test_two_parameters_that_do_the_same_are_told(model: Model, presses: Presses) -> None:
     twice = Adjustments((Stiffness.within(0.3), replace_names(Stiffness.within(0.3), "again"), layer(model)))
     found = fit(Adjustable(model, twice), presses)
