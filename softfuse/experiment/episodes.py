@@ -72,7 +72,7 @@ def episodes_of(
     """So many episodes at random: each touches anywhere that contacts may press, every other one drives
     actuators too, all do where nothing may press; every third has as many touches at once as the contact has.
 
-    reach: the most that each actuator is driven to, see `equilibria.reach_of`.
+    reach: the most that each actuator is driven to, see `RobotSolver.reach`.
     """
     rng = np.random.default_rng(seed)
     contacts = robot.settings.contacts

@@ -46,9 +46,6 @@ _UNSEEN_GAPS_M = (5e-3, 0.0)
 _MATTERS = {"body", "environment", "chambers", "cables", "contacts", "sensors", "points"}
 """Settings that equilibria follow from."""
 
-_PROBE = 0.02
-"""Part of its largest tension with which a cable is pulled to tell how far it goes."""
-
 
 class Touched(NamedTuple):
     """What touches in a slot, of which contact it is, and as sensors see it."""
@@ -157,7 +154,7 @@ class RobotSolver:
 
     def reach(self) -> tuple[tuple[str, float], ...]:
         """The most that each actuator is driven to, as an `Episode` has it: the highest pressure; a cable's
-        largest tension, or the shortening that it would cause if the body were linear.
+        largest tension, or how far that shortens it by itself, or as far as the body bears it.
         """
         settings, reach = self._made.settings, []
         for number, cable in enumerate(settings.cables):
@@ -167,9 +164,8 @@ class RobotSolver:
                 model = replace(model, contacts=(), slots=())
                 nowhere = jnp.zeros((0, 3, 3))
                 start = State.rest(model.body, model.loads(nowhere))
-                pulled = drive.at[number].set(_PROBE * most)
-                found = self._found(model, nowhere, pulled, start, f'"{cable.name}" pulled')
-                most = float(model.answers(found)[number]) / _PROBE
+                found = simulate(model, nowhere, drive.at[number].set(most), start)
+                most = float(model.answers(found.state)[number])
             reach.append((cable.name, most))
         reach += [(each.name, each.highest) for each in settings.chambers if each.highest is not None]
         return tuple(reach)
