@@ -207,17 +207,25 @@ def _groups(presses: Presses) -> Int[np.ndarray, "s k"]:
 
 
 def _likeliest(at: _Round) -> Discrepancy:
-    """The discrepancy that makes presses likeliest, floors far from the usual one being unlikely: one reading
-    of a kind tells nothing of it.
+    """The discrepancy that makes presses likeliest, another for each kind of readings: what the model misses
+    of a pressure says nothing of curvatures. Floors far from the usual one are unlikely: one reading of a
+    kind tells nothing of it.
     """
+    kinds, own = np.unique(at.presses.kind, return_inverse=True)
 
-    def unlikely(ln: Float[np.ndarray, "2"]) -> float:
-        beyond = (ln[1] - np.log(FLOOR)) / _FLOOR_SIGMA
-        return 0.5 * beyond**2 - at.ln_evidence(Discrepancy(*np.exp(ln).tolist()))
+    def discrepancy(ln: Float[np.ndarray, " two_n"]) -> Discrepancy:
+        part, floor = np.exp(ln).reshape(2, -1)
+        return Discrepancy(part[own], floor[own])
 
-    start, bounds = np.log([_FIRST_PART, FLOOR]), np.log([_PARTS, _FLOORS])
+    def unlikely(ln: Float[np.ndarray, " two_n"]) -> float:
+        beyond = (ln[len(kinds) :] - np.log(FLOOR)) / _FLOOR_SIGMA
+        return 0.5 * float(beyond @ beyond) - at.ln_evidence(discrepancy(ln))
+
+    start, bounds = (
+        np.repeat(np.log(each), len(kinds), 0) for each in ([_FIRST_PART, FLOOR], [_PARTS, _FLOORS])
+    )
     found = minimize(unlikely, start, method="Powell", bounds=bounds, options={"xtol": 0.02, "ftol": 1e-4})
-    return Discrepancy(*np.exp(found.x).tolist())
+    return discrepancy(found.x)
 
 
 def gain(

@@ -77,6 +77,15 @@ class Fitted:
         )
 
     @property
+    def sensors(self) -> list[str]:
+        """The names of the robot's sensors that have readings: `kind` counts them."""
+        return list(self.robot.addresses.readings)
+
+    def by_sensor(self, values: Float[np.ndarray, " k"]) -> dict[str, float]:
+        """Values (k,) that are the same for all readings of a sensor, by its name."""
+        return {self.sensors[kind]: float(values[self.kind == kind][0]) for kind in np.unique(self.kind)}
+
+    @property
     def told(self) -> Int[np.ndarray, " k"]:
         """The drive of the model's actuators that each of the robot's readings (k,) tells; -1: none."""
         drives, own = self.robot.addresses.drives, self.robot.model

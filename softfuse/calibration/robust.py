@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from softfuse.calibration.presses import Presses
 from softfuse.errors import SoftfuseError
-from softfuse.estimation.model_error import FLOOR, missed, whitening
+from softfuse.estimation.model_error import missed, whitening
 
 FREEDOM = 15.0
 """ν: three readings of a press that miss by ten standard deviations in all count a seventh. Fewer degrees of
@@ -129,12 +129,12 @@ class Discrepancy:
     with C = 1 on the diagonal, ρ between samples of one press, 0 between presses. Source of the idea: Kennedy
     and O'Hagan, J. R. Stat. Soc. B 63 (2001) 425.
 
-    `part` δ [-] of a reading, `floor` φ [-] of the largest, see `missed`; `alike` ρ [-] in a press: 0.9 to
-    0.95 make the nominal recording of the reference block likeliest.
+    `part` δ [-] of a reading, `floor` φ [-] of the largest, of each reading (k,), see `missed`; `alike` ρ [-]
+    in a press: 0.9 to 0.95 make the nominal recording of the reference block likeliest.
     """
 
-    part: float
-    floor: float = FLOOR
+    part: Float[np.ndarray, " k"]
+    floor: Float[np.ndarray, " k"]
     alike: float = 0.9
 
     def missed(

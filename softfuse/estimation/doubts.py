@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from softfuse.estimation.estimator import Estimate
-from softfuse.estimation.model_error import ModelError, read_spread
+from softfuse.estimation.model_error import FLOOR, ModelError, read_spread
 from softfuse.robot.robot import Robot
 from softfuse.sensors.status import Status
 from softfuse.sensors.suite import Observation
@@ -30,7 +30,8 @@ class TrackerSettings:
         path, readings = given.reading_spread, robot.model.n_readings
         spread = None if path is None else read_spread(path, readings)
         known = given.model_error is not None or spread is not None
-        error = ModelError(given.model_error or 0.0, spread=spread, floor=given.model_error_floor)
+        part = robot.by_reading(given.model_error or 0.0, 0.0)
+        error = ModelError(part, spread=spread, floor=robot.by_reading(given.model_error_floor, FLOOR))
         return cls(given.poor_fit, error if known else None)
 
 

@@ -100,13 +100,13 @@ def read_spread(path: Path, readings: int) -> ReadingSpread:
 
 def missed(
     reading: Float[np.ndarray, "*s k"],
-    part: float,
+    part: float | Float[np.ndarray, " k"],
     kind: Int[np.ndarray, " k"] | None = None,
-    floor: float = FLOOR,
+    floor: float | Float[np.ndarray, " k"] = FLOOR,
 ) -> Float[np.ndarray, "*s k"]:
     """Standard deviations (..., k) of what the model misses of readings (..., k), in their units: a part [-]
     of √(y² + (φ y_max)²), φ the `floor`, y_max the largest of its `kind` (k,), such as those of one sensor,
-    or of all. A reading that is NaN counts as 0.
+    or of all; part and floor of each reading (k,), or the same of all. A reading that is NaN counts as 0.
     """
     size = np.nan_to_num(np.abs(reading))
     largest = np.zeros_like(size)
@@ -119,16 +119,16 @@ def missed(
 
 @dataclass(frozen=True, eq=False)
 class ModelError:
-    """`part` [-] of each reading by which the model may be wrong, for each by itself, `alike` [-] for all
-    together, as where its stiffness is not known; the spread of its parameters, if known; the `kind` (k,) of
-    each reading, None: all of one; and the `floor` [-], see `missed`.
+    """`part` [-] of each reading (k,), or of all, by which the model may be wrong, for each by itself;
+    `alike` [-] for all together, as where its stiffness is not known; the spread of its parameters, if known;
+    the `kind` (k,) of each reading, None: all of one; and the `floor` [-], see `missed`.
     """
 
-    part: float = 0.0
+    part: float | Float[np.ndarray, " k"] = 0.0
     alike: float = 0.0
     spread: ReadingSpread | None = None
     kind: Int[np.ndarray, " k"] | None = None
-    floor: float = FLOOR
+    floor: float | Float[np.ndarray, " k"] = FLOOR
 
     def covariance(
         self,
@@ -180,7 +180,7 @@ def lasting(
     only what sensors say, a tenth of the largest reading, in standard deviations, whichever it is of: so
     readings weigh as they do in a frame.
     """
-    if error is None or (error.part == 0 and error.spread is None):
+    if error is None or (not np.any(error.part) and error.spread is None):
         return np.diag((AS_DRAWN.part * np.max(np.abs(reading) / sigma, initial=0.0) * sigma) ** 2)
     return error.covariance(reading, np.zeros_like(sigma), places, force_N)
 

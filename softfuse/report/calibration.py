@@ -116,9 +116,12 @@ def tell(calibrated: Calibrated) -> Iterator[str]:
     fit, presses = calibrated.fit, calibrated.felt.presses
     off = "; ".join(calibrated.off(presses.told))
     yield f"{len(presses.reading)} samples of {len(calibrated.felt.called)} presses: {off}"
-    part, floor = fit.discrepancy.part, fit.discrepancy.floor
-    largest = 100 * part * floor
-    yield f"the model may be wrong by {100 * part:.1f} % of a reading, and {largest:.2g} % of the largest"
+    parts, floors = (
+        calibrated.fitted.by_sensor(each) for each in (fit.discrepancy.part, fit.discrepancy.floor)
+    )
+    for name, part in parts.items():
+        wrong = f"{100 * part:.1f} % of a reading, and {100 * part * floors[name]:.2g} % of the largest"
+        yield f"the model may be wrong by {wrong}" + (f", of {name}" if len(parts) > 1 else "")
     for name, value, width, told in calibrated.rows:
         yield f"{name}: {value} ± {width} (90 %), {told}"
     electrodes = calibrated.electrodes

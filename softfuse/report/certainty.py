@@ -2,6 +2,7 @@
 say of both.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -116,20 +117,21 @@ def certainty(
         spread = spread_over(beyond, answer, found.covariance)
         posterior = {name: getattr(found, name) for name in ("value", "covariance", "prior_sigma")}
         write_spread(path, spread, names=np.array(found.names), **posterior)
-        return {**edits, **error_edits(settings, found.discrepancy, path.name)}, electrodes
+        return {**edits, **error_edits(fitted, found.discrepancy, path.name)}, electrodes
     return {**edits, **_overall(fitted, answer, found)}, electrodes
 
 
-def error_edits(settings: RobotSettings, discrepancy: Discrepancy, spread: str) -> Edits:
+def error_edits(fitted: Fitted, discrepancy: Discrepancy, spread: str) -> Edits:
     """Settings by which a robot's model is as wrong as presses have told: by a part of each reading and of
     the largest, and by the file of what is not known of its parameters. What sensors say of that by
     themselves was a guess.
     """
-    guesses = [number for number, sensor in enumerate(settings.sensors) if sensor.errs_with_model]
+    sensors = fitted.robot.settings.sensors
+    guesses = [number for number, sensor in enumerate(sensors) if sensor.errs_with_model]
     return {
         **{("sensor", number, "model_error"): 0.0 for number in guesses},
-        ("estimator", "model_error"): float(f"{discrepancy.part:.4g}"),
-        ("estimator", "model_error_floor"): float(f"{discrepancy.floor:.4g}"),
+        ("estimator", "model_error"): _of_each(fitted, fitted.by_sensor(discrepancy.part)),
+        ("estimator", "model_error_floor"): _of_each(fitted, fitted.by_sensor(discrepancy.floor)),
         ("estimator", "reading_spread"): spread,
     }
 
@@ -141,19 +143,28 @@ def _overall(fitted: Fitted, answer: Answer, found: Fit) -> Edits:
     unknown = np.einsum("skp,pq,skq->sk", answer.slope, found.covariance, answer.slope)
     wrong = found.discrepancy.missed(answer.reading, fitted.kind) ** 2 + unknown
     edits: dict = {}
-    rest = [0.0]
+    rest = {}
     for kind in np.unique(fitted.kind):
         own = fitted.kind == kind
         largest = np.max(np.abs(answer.reading[:, own]), axis=1)
         part = float(np.sqrt(np.mean(wrong[:, own], axis=1).sum() / np.sum(largest**2)))
-        name = list(fitted.robot.addresses.readings)[kind]
+        name = fitted.sensors[kind]
         number = [sensor.name for sensor in fitted.robot.settings.sensors].index(name)
         if fitted.robot.settings.sensors[number].errs_with_model:
             edits["sensor", number, "model_error"] = float(f"{part:.4g}")
         else:
-            rest.append(part)
-    edits["estimator", "model_error"] = float(f"{max(rest):.4g}")
+            rest[name] = part
+    floors = fitted.by_sensor(found.discrepancy.floor)
+    edits["estimator", "model_error"] = _of_each(fitted, rest)
+    if rest:
+        edits["estimator", "model_error_floor"] = _of_each(fitted, {name: floors[name] for name in rest})
     return edits
+
+
+def _of_each(fitted: Fitted, values: Mapping[str, float]) -> float | dict[str, float]:
+    """As settings have it: of each sensor by its name, of the only one without; 0 where there is none."""
+    rounded = {name: float(f"{value:.4g}") for name, value in values.items()}
+    return rounded if len(fitted.sensors) > 1 and rounded else sum(rounded.values())
 
 
 def _lines(settings: RobotSettings) -> CrossedSettings | None:

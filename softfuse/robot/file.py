@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import tomlkit
 import tomlkit.exceptions
 from pydantic import ValidationError
+from tomlkit.items import InlineTable
 
 from softfuse.errors import ConfigError
 from softfuse.io.problems import key_path, problem_lines
@@ -20,8 +21,8 @@ TopTable = TypeVar("TopTable", bound=FileSettings)
 Key = tuple[str | int, ...]
 """Where a value is: ("body", "material", 0, "young")."""
 
-Edits = Mapping[Key, str | float | list[str] | list[float] | None]
-"""New values by key, such as "0.55 MPa"; None takes the key away."""
+Edits = Mapping[Key, str | float | list[str] | list[float] | dict[str, float] | None]
+"""New values by key, such as "0.55 MPa"; None takes the key away, a dictionary is a table on one line."""
 
 
 def load(path: str | Path) -> RobotSettings:
@@ -127,9 +128,15 @@ def edit(document: Any, key: Key, value: object, source: Path) -> None:
         if value is None:
             table.remove(key[-1])
         else:
-            table[key[-1]] = value
+            table[key[-1]] = _on_one_line(value) if isinstance(value, dict) else value
     except (tomlkit.exceptions.NonExistentKey, IndexError, TypeError, AttributeError) as error:
         raise ConfigError(f"{source}: {key_path(key)}: there is no such key to change") from error
+
+
+def _on_one_line(values: dict[str, float]) -> InlineTable:
+    table = tomlkit.inline_table()
+    table.update(values)
+    return table
 
 
 def _moved_file(name: str, old: Path, new: Path) -> str:

@@ -90,6 +90,12 @@ class Robot:
             kinds[own] = number
         return kinds
 
+    def by_reading(self, given: float | Mapping[str, float], otherwise: float) -> Float[np.ndarray, " k"]:
+        """What is given of the sensor of each reading (k,), by its name, or of all; `otherwise` of others."""
+        names = self.addresses.readings
+        of = given if isinstance(given, Mapping) else dict.fromkeys(names, given)
+        return np.array([of.get(name, otherwise) for name in names], float)[self.reading_kinds]
+
     @property
     def ranges(self) -> tuple[Float[np.ndarray, " a"], Float[np.ndarray, " a"]]:
         """The lowest and highest of what the actuators (a,) are driven with: tensions [N], the absolute

@@ -37,11 +37,16 @@ AnySensor = Annotated[reduce(or_, SENSORS.values()), Field(discriminator="type")
 """One of the kinds of sensors that there are."""
 
 
+BySensor = Annotated[Number, Ge(0)] | dict[str, Annotated[Number, Ge(0)]]
+"""A number of each sensor, by its name, or of all."""
+
+
 class EstimatorSettings(Settings):
     """Estimate step: linearisations per frame, ε [1/N²] of ε‖ΔF‖² in the cost, doubted misfit, longest step.
 
     model_error: part of a reading by which the model may be wrong, beyond what sensors say of it, None: not
     known; model_error_floor: a smaller reading counts as one of this size, a part of the sensor's largest;
+    both of each sensor by its name, or of all;
     reading_spread: file of how uncertain readings are by parameters and places; a calibration finds all
     three; poor_fit: a largest misfit above this part of the largest reading is flagged; largest_motion in m:
     a step that would move a node further is shortened, None for any; catch_up_steps: further ones in the same
@@ -50,8 +55,8 @@ class EstimatorSettings(Settings):
 
     steps_per_frame: PositiveInteger = 1
     regularisation: Annotated[Number, Ge(0)] = 1e-6
-    model_error: Annotated[Number, Ge(0)] | None = None
-    model_error_floor: Annotated[Number, Ge(0)] = 0.03
+    model_error: BySensor | None = None
+    model_error_floor: BySensor = 0.03
     reading_spread: ExistingFile | None = None
     poor_fit: PositiveNumber = 0.25
     largest_motion: PositiveLength | None = None
@@ -128,6 +133,13 @@ class RobotSettings(FileSettings):
         for key, parts in named.items():
             _check_names(key, [part.name for part in parts])
         _check_places(self.sensors)
+        for key in ("model_error", "model_error_floor"):
+            given = getattr(self.estimator, key)
+            unknown = (
+                sorted({*given} - {each.name for each in self.sensors}) if isinstance(given, dict) else []
+            )
+            if unknown:
+                raise wrong_value(f'there is no sensor "{unknown[0]}"', key=f"estimator.{key}")
         channels = self.channels
         twice = {name for name in channels if channels.count(name) > 1}
         if twice:

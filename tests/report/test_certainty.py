@@ -1,15 +1,30 @@
 """Which further presses are looked at."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+import pytest
 
+from softfuse.calibration.of_robot import Fitted
 from softfuse.calibration.robust import Discrepancy
+from softfuse.errors import ConfigError
 from softfuse.functional.workspace import spread_out
 from softfuse.report.certainty import error_edits, least_and_most
 from softfuse.robot.file import load, save_edited
+from softfuse.robot.settings import RobotSettings
 
 CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def named(settings: RobotSettings, sensors: Mapping[str, int]) -> Fitted:
+    """A robot known by its settings and sensors only, with so many readings each."""
+    robot: Any = SimpleNamespace(settings=settings, addresses=SimpleNamespace(readings=sensors))
+    nothing: Any = None
+    kind = np.repeat(np.arange(len(sensors)), list(sensors.values()))
+    return Fitted(robot, nothing, np.arange(len(kind)), kind, (), np.zeros(0, bool))
 
 
 def test_actuators_are_as_they_were_in_one_sample() -> None:
@@ -38,15 +53,37 @@ def test_the_model_error_that_presses_tell_is_counted_once(tmp_path: Path) -> No
     """
     drawn = load(CONFIGS / "pad_sealed.toml")
     assert drawn.sensors[0].model_error == 0.05
-    edits = error_edits(drawn, Discrepancy(0.019934, 0.0512345), "fitted.npz")
+    one = np.ones(4)
+    found = Discrepancy(0.019934 * one, 0.0512345 * one)
+    edits = error_edits(named(drawn, {"pressure": 4}), found, "fitted.npz")
     (tmp_path / "fitted.npz").touch()
     fitted = save_edited(CONFIGS / "pad_sealed.toml", tmp_path / "fitted.toml", edits)
     assert fitted.sensors[0].model_error == 0.0 and fitted.estimator.model_error == 0.01993
     assert fitted.estimator.model_error_floor == 0.05123
     # Of what sees contacts by itself the error is its own, and a vent's reading has none.
     assert fitted.sensors[1] == drawn.sensors[1]
-    assert set(error_edits(load(CONFIGS / "pad.toml"), Discrepancy(0.02), "fitted.npz")) == {
+    assert set(error_edits(named(load(CONFIGS / "pad.toml"), {"flow": 4}), found, "fitted.npz")) == {
         ("estimator", "model_error"),
         ("estimator", "model_error_floor"),
         ("estimator", "reading_spread"),
     }
+
+
+def test_each_sensor_has_a_model_error_of_its_own(tmp_path: Path) -> None:
+    """A barometer whose model was 25 % off made gratings, off by 2 %, count as little."""
+    drawn = load(CONFIGS / "pneunet.toml")
+    gratings, barometer = (sensor.name for sensor in drawn.sensors)
+    part, floor = np.array([0.02, 0.02, 0.25]), np.array([0.01, 0.01, 0.3])
+    edits = error_edits(named(drawn, {gratings: 2, barometer: 1}), Discrepancy(part, floor), "fitted.npz")
+    (tmp_path / "fitted.npz").touch()
+    fitted = save_edited(CONFIGS / "pneunet.toml", tmp_path / "fitted.toml", edits).estimator
+    assert fitted.model_error == {gratings: 0.02, barometer: 0.25}
+    assert fitted.model_error_floor == {gratings: 0.01, barometer: 0.3}
+    again = save_edited(
+        tmp_path / "fitted.toml", tmp_path / "again.toml", {("estimator", "model_error"): 0.1}
+    )
+    assert again.estimator.model_error == 0.1
+    with pytest.raises(ConfigError, match='estimator.model_error: there is no sensor "nose"'):
+        save_edited(
+            tmp_path / "fitted.toml", tmp_path / "again.toml", {("estimator", "model_error"): {"nose": 0.1}}
+        )
