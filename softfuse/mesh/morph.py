@@ -70,11 +70,11 @@ def reshaped_cavities(
 
 
 def _curved(mesh: TetMesh, moved: TetMesh) -> TetMesh:
-    """The moved mesh with its edges curved as far as tetrahedra keep their shape or the one they had."""
+    """The moved mesh with its edges curved as far as tetrahedra keep a part of the shape that they had."""
     nodes = moved.nodes.copy()
     nodes[mesh.tets[:, 4:]] = nodes[mesh.tets[:, EDGES]].mean(axis=2)
     straight = replace(moved, nodes=nodes)
-    least = np.minimum(KEPT * mean_ratios(straight), curved_mean_ratios(mesh))
+    least = KEPT * np.minimum(mean_ratios(straight), curved_mean_ratios(mesh))
     return moved_within(straight, moved.nodes - nodes, least)
 
 
