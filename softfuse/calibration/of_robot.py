@@ -224,11 +224,11 @@ def calibrated_edits(fitted: Fitted, adjustments: Adjustments, value: Float[np.n
     return edits
 
 
-def _gains(fitted: Fitted, part: Float[np.ndarray, " g"]) -> dict[Key, list[float]]:
-    """Gains times exp of what was found (g,) of those readings that have one."""
+def _gains(fitted: Fitted, part: Float[np.ndarray, " g"]) -> dict[Key, float | list[float]]:
+    """Gains times exp of what was found (g,) of those readings that have one; a single number stays one."""
     factor = np.ones(fitted.robot.model.n_readings)
     factor[fitted.readings[_with_gain(fitted)]] = np.exp(part)
-    edits: dict[Key, list[float]] = {}
+    edits: dict[Key, float | list[float]] = {}
     for k, sensor in enumerate(fitted.robot.settings.sensors):
         given = getattr(sensor, "gain", None)
         own = fitted.robot.addresses.readings.get(sensor.name)
@@ -237,8 +237,8 @@ def _gains(fitted: Fitted, part: Float[np.ndarray, " g"]) -> dict[Key, list[floa
             and own is not None
             and np.isin(np.arange(own.start, own.stop), fitted.readings).all()
         ):
-            gain = np.broadcast_to(given, (own.stop - own.start,)) * factor[own]
-            edits["sensor", k, "gain"] = [_rounded(each) for each in gain]
+            gain = [_rounded(each) for each in given * factor[own]]
+            edits["sensor", k, "gain"] = gain if np.ndim(given) else gain[0]
     return edits
 
 

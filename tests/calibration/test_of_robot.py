@@ -12,8 +12,18 @@ from softfuse.errors import ConfigError
 from softfuse.mechanics.cable import ShortenedCable
 from softfuse.robot.file import load, save_edited
 from softfuse.robot.robot import build_robot
+from softfuse.sensors.point_pressure import PointPressureSettings
 
 Write = Callable[..., Path]
+
+BAROMETER = """
+[[sensor]]
+name = "barometer"
+type = "point-pressure"
+point = "tip"
+radius = "0.5 mm"
+channels = ["barometer_Pa"]
+"""
 
 
 @pytest.fixture
@@ -118,3 +128,15 @@ def test_what_is_read_of_an_actuator_is_what_drives_it() -> None:
     assert not load_cell.shortened.any() and load_cell.told.tolist() == [0, -1, -1, -1]
     for known in (both, load_cell):
         np.testing.assert_array_equal(known.readings, np.arange(len(known.told))[-3:])
+
+
+def test_the_gain_of_a_single_reading_stays_a_number(tmp_path: Path) -> None:
+    """A list for a barometer's gain was refused after the whole fit."""
+    source, target = tmp_path / "robot.toml", tmp_path / "fitted.toml"
+    sensors = BEAM.index("[[sensor]]")
+    source.write_text(f"{BEAM[:sensors]}{BAROMETER}", encoding="utf-8")
+    known = Fitted.of(build_robot(load(source)))
+    adjustments = build_adjustments(known)
+    value = np.where([name.endswith("gain") for name in adjustments.names], np.log(1.1), 0.0)
+    after = save_edited(source, target, calibrated_edits(known, adjustments, value))
+    assert after.sensors_of(PointPressureSettings)[0].gain == pytest.approx(1.1)

@@ -37,7 +37,13 @@ def test_what_was_fitted_is_in_the_config_and_the_report(
     # Only a robot with a map of readings has such a file.
     assert not out.with_suffix(".npz").exists()
     text = out.with_suffix(".html").read_text()
-    for said in ("palm zero", "tip left dead volume", "place on tip left in press", "[Pa]", "tells [nat]"):
+    for said in (
+        "palm zero",
+        "tip left dead volume",
+        "place on tip left in press",
+        " Pa before",
+        "tells [nat]",
+    ):
         assert said in text
 
 
