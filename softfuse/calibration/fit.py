@@ -110,7 +110,8 @@ def fit(
         at = _Round(presses, answer, z, prior, group)
         discrepancy = _likeliest(at)
         whitening, aim = discrepancy.whitening(presses), at.explained(discrepancy)
-        if at.cost(whitening, answer, z) - aim.cost < _SETTLED:
+        here = at.cost(whitening, answer, z)
+        if here - aim.cost < _SETTLED:
             step = (aim.z - z) * prior
             after = presses.reading - answer.reading - np.einsum("skp,p->sk", answer.slope, step)
             return Fit(
@@ -125,7 +126,7 @@ def fit(
                 np.where(presses.told, aim.weight[group], 0.0),
                 answer.states,
             )
-        z, answer = at.stepped(ask, whitening, aim)
+        z, answer = at.stepped(ask, whitening, here, aim)
     raise SoftfuseError(
         f"the parameters still move after {rounds} rounds: narrow what may differ in [calibration]"
     )
@@ -162,13 +163,14 @@ class _Round:
         return float(cost(left, self._linear(whitening), z, self.groups))
 
     def stepped(
-        self, ask: Callable[..., Answer], whitening: Whitening, aim: Explained
+        self, ask: Callable[..., Answer], whitening: Whitening, here: float, aim: Explained
     ) -> tuple[Float[np.ndarray, " p"], Answer]:
-        """Better parameters on the way to those that explain the presses by their slopes, and their answer.
+        """Parameters that cost less than z, which costs `here`, on the way to those that explain the presses
+        by their slopes, and their answer.
 
         Raises SoftfuseError where none of those tried is better, SolveError where the last had no answer.
         """
-        here, step = self.cost(whitening, self.answer, self.z), aim.z - self.z
+        step = aim.z - self.z
         promised, length, found, failed = here - aim.cost, 1.0, (here, self.z, self.answer), None
         for _ in range(_SHORTENED):
             tried = self.z + length * step

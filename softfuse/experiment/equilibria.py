@@ -26,7 +26,7 @@ from softfuse.experiment.virtual_robot import VirtualRobot
 from softfuse.mechanics.load import Loads
 from softfuse.mechanics.model import Model, simulate
 from softfuse.mechanics.reading import Equilibrium
-from softfuse.mechanics.solution import RESULTS, State
+from softfuse.mechanics.solution import RESULTS, Solution, State
 from softfuse.robot.digest import digest
 from softfuse.sensors.parts import TrueContact
 
@@ -165,6 +165,8 @@ class RobotSolver:
                 nowhere = jnp.zeros((0, 3, 3))
                 start = State.rest(model.body, model.loads(nowhere))
                 found = simulate(model, nowhere, drive.at[number].set(most), start)
+                if not float(found.stats.reached) > 0:
+                    raise _no_equilibrium(f'"{cable.name}" pulled', found)
                 most = float(model.answers(found.state)[number])
             reach.append((cable.name, most))
         reach += [(each.name, each.highest) for each in settings.chambers if each.highest is not None]
@@ -223,9 +225,7 @@ class RobotSolver:
     def _found(self, model: Model, places: Array, drive: Array, state: State, where: str) -> State:
         found = simulate(model, places, drive, state)
         if not bool(found.result == RESULTS.converged):
-            raise SolveError(
-                f"{where}: no equilibrium: {RESULTS[found.result]}; press less hard, or drive it less far"
-            )
+            raise _no_equilibrium(where, found)
         log.info("%s: %d iterations", where, int(found.stats.newton_iterations))
         return found.state
 
@@ -262,6 +262,12 @@ class RobotSolver:
 
 
 @eqx.filter_jit
+def _no_equilibrium(where: str, found: Solution) -> SolveError:
+    return SolveError(
+        f"{where}: no equilibrium: {RESULTS[found.result]}; press less hard, or drive it less far"
+    )
+
+
 def _measured(model: Model, contacts: Loads, state: State) -> tuple[Array, Array, Array]:
     """Readings (k,), drives and answers (a,) of the actuators."""
     at = Equilibrium(model.body, contacts, Loads(model.actuators), state)

@@ -16,6 +16,7 @@ contacts are looked for there.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +27,7 @@ from scipy.sparse.linalg import splu
 from softfuse.mesh.quality import curved_mean_ratios, mean_ratios
 from softfuse.mesh.shell import Shell
 from softfuse.mesh.surface import boundary_faces, cavities
-from softfuse.mesh.tetmesh import FACES6, TetMesh, quadratic, tet_mesh
+from softfuse.mesh.tetmesh import FACES6, TetMesh, quadratic
 
 if TYPE_CHECKING:
     import trimesh
@@ -131,7 +132,7 @@ def moved_within(mesh: TetMesh, way: Float[np.ndarray, "n 3"], least: Float[np.n
     """
     part = np.ones((len(way), 1))
     while True:
-        moved = tet_mesh(mesh.nodes + part * way, mesh.tets, region=mesh.region)
+        moved = replace(mesh, nodes=mesh.nodes + part * way)
         flat = np.minimum(mean_ratios(moved), curved_mean_ratios(moved)) < least
         if not flat.any():
             return moved

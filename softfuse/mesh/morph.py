@@ -60,8 +60,8 @@ def reshaped_cavities(
     try:
         check(linear(moved))
         if mesh.order == 2:
-            moved = replace(mesh, nodes=_curved(mesh, moved).nodes)
-        check(moved)
+            moved = _curved(mesh, moved)
+            check(moved)
     except MeshError as error:
         raise MeshError(
             f"the cavities are shifted too far or grown too much ({error}): mesh the new layout"

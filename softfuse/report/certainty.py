@@ -164,7 +164,7 @@ def _overall(fitted: Fitted, answer: Answer, found: Fit) -> Edits:
 def _of_each(fitted: Fitted, values: Mapping[str, float]) -> float | dict[str, float]:
     """As settings have it: of each sensor by its name, of the only one without; 0 where there is none."""
     rounded = {name: float(f"{value:.4g}") for name, value in values.items()}
-    return rounded if len(fitted.sensors) > 1 and rounded else sum(rounded.values())
+    return rounded if len(fitted.sensors) > 1 and rounded else next(iter(rounded.values()), 0.0)
 
 
 def _lines(settings: RobotSettings) -> CrossedSettings | None:

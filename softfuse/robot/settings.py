@@ -46,11 +46,11 @@ class EstimatorSettings(Settings):
 
     model_error: part of a reading by which the model may be wrong, beyond what sensors say of it, None: not
     known; model_error_floor: a smaller reading counts as one of this size, a part of the sensor's largest;
-    both of each sensor by its name, or of all;
-    reading_spread: file of how uncertain readings are by parameters and places; a calibration finds all
-    three; poor_fit: a largest misfit above this part of the largest reading is flagged; largest_motion in m:
-    a step that would move a node further is shortened, None for any; catch_up_steps: further ones in the same
-    frame at most, while they have to be shortened.
+    both of each sensor by its name, or of all, and 0 and 0.03 of a sensor that is not named; reading_spread:
+    file of how uncertain readings are by parameters and places; a calibration finds all three; poor_fit: a
+    largest misfit above this part of the largest reading is flagged; largest_motion in m: a step that would
+    move a node further is shortened, None for any; catch_up_steps: further ones in the same frame at most,
+    while they have to be shortened.
     """
 
     steps_per_frame: PositiveInteger = 1
@@ -135,11 +135,9 @@ class RobotSettings(FileSettings):
         _check_places(self.sensors)
         for key in ("model_error", "model_error_floor"):
             given = getattr(self.estimator, key)
-            unknown = (
-                sorted({*given} - {each.name for each in self.sensors}) if isinstance(given, dict) else []
-            )
-            if unknown:
-                raise wrong_value(f'there is no sensor "{unknown[0]}"', key=f"estimator.{key}")
+            for name in given if isinstance(given, dict) else ():
+                if name not in {each.name for each in self.sensors}:
+                    raise wrong_value(f'there is no sensor "{name}"', key=f"estimator.{key}")
         channels = self.channels
         twice = {name for name in channels if channels.count(name) > 1}
         if twice:

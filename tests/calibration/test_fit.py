@@ -140,7 +140,6 @@ def test_presses_without_an_equilibrium_are_left_out_where_they_are_not_needed(
         adjustable.answer(made, beyond.only(np.array([0])), needed=False)
 
 
-@pytest.mark.slow
 @dataclass(frozen=True, eq=False)
 class Frail(Adjustable):
     """One that some of the parameters which are tried let collapse, in their order."""
@@ -163,6 +162,7 @@ def test_steps_are_shorter_where_a_robot_would_collapse(
         fit(frail, presses)
 
 
+@pytest.mark.slow
 def test_two_parameters_that_do_the_same_are_told(model: Model, presses: Presses) -> None:
     twice = Adjustments((Stiffness.within(0.3), replace_names(Stiffness.within(0.3), "again"), layer(model)))
     found = fit(Adjustable(model, twice), presses)
