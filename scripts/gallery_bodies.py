@@ -29,17 +29,25 @@ def trunk() -> Solid:
 
 
 def dome() -> Solid:
-    """Half a ball of 30 mm radius on z = 0 with walls of 7 mm: a round chamber in the middle and three around
-    it, 4 mm of wall between them.
+    """Half a ball of 30 mm radius on z = 0 with walls of 7 mm: a chamber under its top, three around below
+    that, 4 mm of wall between them. The wall under the top's chamber is a cone that meets the dome's wall
+    between a third and half of its height: there how hard each side is pressed changes most with height.
     """
     above = box((-40.0, -40.0, 0.0), (40.0, 40.0, 40.0))
     body, hollow = Solid.sphere(30.0, 32) ^ above, Solid.sphere(23.0, 24)
-    body -= hollow ^ Solid.cylinder(40.0, 12.0, 12.0, 24).translate([0.0, 0.0, 8.0])
-    around = (hollow - Solid.cylinder(80.0, 16.0, 16.0, 24, True)) ^ above.translate([0.0, 0.0, 3.0])
+    body -= hollow ^ funnel(3.5)
+    around = (hollow - funnel(-1.0) - Solid.cylinder(80.0, 11.0, 11.0, 24, True)) ^ above.translate(
+        [0.0, 0.0, 3.0]
+    )
     apart = Solid.extrude(sector(4.0), 40.0)
     for angle in (0.0, 120.0, 240.0):
         body -= around ^ apart.rotate([0.0, 0.0, angle])
     return body
+
+
+def funnel(z: float) -> Solid:
+    """What is above a cone that opens upwards by 35 degrees from the tip at this height."""
+    return Solid.cylinder(42.0, 0.0, 60.0, 24).translate([0.0, 0.0, z])
 
 
 def sector(gap: float) -> manifold3d.CrossSection:
