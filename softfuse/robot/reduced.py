@@ -15,12 +15,13 @@ from softfuse.robot.digest import digest
 from softfuse.robot.robot import Robot
 from softfuse.robot.settings import RobotSettings
 from softfuse.rom.basis import RestStiffness
-from softfuse.rom.cells import AbstractRegions, Cells, Spots, places_over
+from softfuse.rom.cells import AbstractRegions, Cells, Spots
+from softfuse.rom.load_paths import LoadPath, load_paths
 from softfuse.rom.rom_file import Atlas, AtlasFolder
-from softfuse.rom.snapshots import LoadPath, LoadsAt, presses, pushes
+from softfuse.rom.snapshots import LoadsAt
 from softfuse.rom.teaching import Chart, ChartSettings, teach
 
-_REVISION = 7
+_REVISION = 8
 """To be raised when other charts come of the same settings."""
 
 _LIGHT = 1e-2
@@ -109,7 +110,8 @@ class Teacher:
             return contact.max_force
         place, drives = jnp.asarray(self.regions.middle(number))[None], self.model.contacts[0].drives
         force = _LIGHT * contact.max_force
-        drive = self.model.rest_state(place).drive.at[:drives].set(force / drives)
+        share = contact.bounds[0] >= 0  # what may be of either sign pushes aside
+        drive = self.model.rest_state(place).drive.at[:drives].set(force * share / share.sum())
         found = simulate(self.model, place, drive)
         if found.result != RESULTS.converged:
             raise SolveError(f"region {number}: no equilibrium at {force:g} N: {RESULTS[found.result]}")
@@ -119,21 +121,23 @@ class Teacher:
 
     def _lesson(self, number: int) -> tuple[list[LoadPath], list[Array]]:
         """The load paths in a region, and places (1, ...) all over it."""
-        given = self.config.reduction
-        force, cell = self.largest_force(number), self.regions.cell(number)
-        place = jnp.asarray(self.regions.middle(number))
-        if cell is not None:
-            paths = presses(cell, force, side=given.side, levels=given.levels, near=given.near)
-            body = self.model.body
-            (disc,) = self.model.contacts[0].discs(body, place)
-            over = places_over(cell, disc, np.asarray(body.rest))
-            return paths, [jnp.asarray(each)[None] for each in over]
-        patches = self.model.contacts[0].drives
+        given, contact, pushes = self.config.reduction, self.config.contact(), self.model.contacts[0]
+        part = self.largest_force(number) / contact.max_force
         low, high = (
-            np.append(np.full(patches, end), own) for end, own in zip((0.0, force), self._drives, strict=True)
+            np.append(part * force, own) for force, own in zip(contact.bounds, self._drives, strict=True)
         )
-        paths = pushes(place[None], patches, low, high, levels=given.levels, near=given.near)
-        return paths, [place[None]]
+        paths = load_paths(
+            self.regions.parts(number, given.side),
+            pushes.drives,
+            low,
+            high,
+            levels=given.levels,
+            near=given.near,
+        )
+        body = self.model.body
+        discs = pushes.discs(body, jnp.asarray(self.regions.middle(number)))
+        around = self.regions.around(number, discs, np.asarray(body.rest))
+        return paths, [jnp.asarray(place)[None] for place in around]
 
     @property
     def _drives(self) -> tuple[Float[np.ndarray, " a"], Float[np.ndarray, " a"]]:

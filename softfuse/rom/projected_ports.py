@@ -30,8 +30,6 @@ from softfuse.rom.projected_volume import ProjectedVolumes, projected_volumes
 from softfuse.rom.reduced_body import ReducedBody
 from softfuse.rom.teaching import Chart
 
-_NOT_REDUCED = "only a body that discs press along one direction, or patches at named places, can be reduced"
-
 
 class ProjectedGuides(AbstractGuides):
     """Places in a body: `rest` y₀ (3 g,) [m], `slopes` G (n, 3 g) [m], `springs` k (3 g,) [N/m]."""
@@ -153,28 +151,30 @@ class ProjectedDiscs(AbstractContact):
 def projected_contact(
     contact: AbstractContact, body: Body, small: ReducedBody, basis: Basis, places: Float[np.ndarray, "e 3 3"]
 ) -> AbstractContact:
-    """A contact of a full body on its reduced one of some modes, patches at places (e, 3, 3) only. Raises
-    SolveError where it has no projection.
+    """A contact of a full body on its reduced one of some modes, patches at places (e, 3, 3) only where there
+    are any.
     """
     del body, basis, places
     return projected_discs(contact, small)
 
 
 @singledispatch
-def projected_discs(contact: AbstractContact, small: ReducedBody) -> ProjectedDiscs:
-    """Discs on a reduced body. Raises SolveError for what does not press along one direction."""
-    del contact, small
-    raise SolveError(_NOT_REDUCED)
+def projected_discs(contact: AbstractContact, small: ReducedBody) -> AbstractContact:
+    """What presses anywhere on a reduced body: discs along one direction in a few numbers, others as they are
+    on the full one, which looks at more nodes at once.
+    """
+    del small
+    return contact
 
 
 @projected_discs.register
-def _(contact: FlatIndenter, small: ReducedBody) -> ProjectedDiscs:
+def _(contact: FlatIndenter, small: ReducedBody) -> AbstractContact:
     for along in parts_of(contact.surface, ContactSurface):
         faces, watched, seen, slopes = _seen_by_discs(along, small)
         surface = replace(along, faces=faces)
         disc = Contact(surface, contact.cells, jnp.zeros(3), contact.radius, contact.compliance)
         return ProjectedDiscs(disc, watched, seen, slopes, small.n)
-    raise SolveError(_NOT_REDUCED)
+    return contact
 
 
 @eqx.filter_jit
@@ -189,8 +189,9 @@ def _seen_by_discs(surface: ContactSurface, small: ReducedBody) -> tuple[Array, 
 @projected_contact.register
 def _(
     contact: SurfacePatches, body: Body, small: ReducedBody, basis: Basis, places: Float[np.ndarray, "e 3 3"]
-) -> ProjectedPatches:
-    del small
+) -> AbstractContact:
+    if not len(places):
+        return projected_discs(contact, small)
 
     @eqx.filter_jit
     def frames(contact: SurfacePatches, body: Body, place: Array) -> PlacePorts:

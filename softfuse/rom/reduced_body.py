@@ -103,7 +103,7 @@ class ReducedBody(AbstractBody):
         parts = [points.tangent_action(z) for points in self.sample]
         return lambda directions: self.linear @ directions + sum(part(directions) for part in parts)
 
-    def truncation(self, z: Float[Array | np.ndarray, " n"]) -> Float[Array | np.ndarray, ""]:
+    def truncation(self, z: Float[Array | np.ndarray, " n"]) -> Float[Array | np.ndarray | np.float64, ""]:
         """The last modes' part of the shape [-], by energy at rest: modes are in the order of their need."""
         moved, last = z[: self.displacement_modes], z[self.last_modes]
         # In operators that numpy's arrays have too: for these nothing is compiled.

@@ -40,7 +40,7 @@ _ROUNDS = 2
 _Part = ProjectedVolumes | ProjectedGuides | ProjectedPatches | KnownInverses
 """What has nothing but arrays."""
 
-_Kind = TypeVar("_Kind", ProjectedVolumes, ProjectedGuides, ProjectedPatches, KnownInverses)
+_Kind = TypeVar("_Kind", bound=eqx.Module)
 
 
 class Telling(NamedTuple):

@@ -1,7 +1,7 @@
 """A chart from load paths: snapshots, their modes, and the points that measure the energy of both."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -15,9 +15,10 @@ from softfuse.mechanics.linear_solver import AbstractLinearSolver
 from softfuse.mechanics.load import Loads
 from softfuse.rom.basis import Basis, RestStiffness, basis_of
 from softfuse.rom.known_inverses import far_apart
+from softfuse.rom.load_paths import LoadPath
 from softfuse.rom.mode_points import mode_points
 from softfuse.rom.sampling import Sampling, sampled
-from softfuse.rom.snapshots import LoadPath, LoadsAt, snapshots
+from softfuse.rom.snapshots import LoadsAt, snapshots
 
 _TYPICAL = 32
 """States that live steps know the inverse tangent in."""
@@ -106,10 +107,11 @@ def _contacts(loads_at: LoadsAt, body: Body, place: Array) -> Loads:
 
 @eqx.filter_jit
 def _pushed(loads_at: LoadsAt, body: Body, place: Array) -> Bool[Array, " k"]:
-    """Which nodes (k,) the contacts at places (c, 3, 3) act on."""
-    rows = _contacts(loads_at, body, place).rows(body, jnp.zeros(body.n))
-    acts = jnp.append(jnp.any(rows != 0, axis=1), False)
-    return jnp.any(acts[jnp.minimum(body.displacement_index, body.n)], axis=1)
+    """Which nodes (k,) the contacts at places (c, 3, 3) act on, held ones among them."""
+    index = jnp.arange(body.rest.size).reshape(body.rest.shape)
+    loose = replace(body, displacement_index=index, n_displacements=index.size, n=index.size)
+    rows = _contacts(loads_at, loose, place).rows(loose, jnp.zeros(loose.n))
+    return jnp.any(rows.reshape(*index.shape, -1) != 0, axis=(1, 2))
 
 
 def _furthest(body: Body, states: Float[np.ndarray, "s n"]) -> Int[np.ndarray, " w"]:

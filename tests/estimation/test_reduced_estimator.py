@@ -19,9 +19,9 @@ from softfuse.functional.chart import facing
 from softfuse.mechanics.model import Model
 from softfuse.rom.basis import rest_stiffness
 from softfuse.rom.cells import Cells
+from softfuse.rom.load_paths import load_paths
 from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.rom_file import Atlas, AtlasFolder
-from softfuse.rom.snapshots import presses
 from softfuse.rom.teaching import ChartSettings, teach
 
 MM = 1e-3
@@ -48,7 +48,7 @@ def folder(model: Model, tmp_path_factory: pytest.TempPathFactory) -> AtlasFolde
             model.body,
             stiffness,
             loads_at,
-            presses(cell, 6.0, side=2, levels=3, near=6),
+            load_paths(cell.parts(2), 1, np.zeros(1), np.array([6.0]), levels=3, near=6),
             around=[jnp.asarray(place)[None] for place in cell.grid(9)],
             settings=ChartSettings(displacements=40, pressures=16),
         )

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softfuse.functional.chart import facing, moved
+from softfuse.functional.chart import FlatChart, facing, moved
 from softfuse.rom.cells import Cells
 
 CELLS = Cells.over((-0.03, -0.01), (0.03, 0.01), 8e-3)
@@ -41,6 +41,20 @@ def test_a_place_that_has_hardly_left_its_cell_stays_in_it() -> None:
     reached = cell.grid(3)[:, 0, 0].max()
     assert CELLS.find(place(reached - 1e-9, edge[0, 1]), before=4) == 4
     assert CELLS.find(place(reached + 1e-9, edge[0, 1]), before=4) == 7
+
+
+@pytest.mark.parametrize("direction", [(0, 1, 0), (-1, 0, 0), (0, 0, 1), (1, 2, -2)])
+def test_cells_are_across_any_direction(direction) -> None:
+    """In the chart that a contact's workspace is given in."""
+    cells, chart = Cells.over((-0.03, -0.01), (0.03, 0.01), 8e-3, direction), FlatChart.along(direction)
+    for number, cell in enumerate(cells):
+        middle = cells.middle(number)
+        np.testing.assert_allclose(
+            middle, facing(np.asarray(cell.centre @ chart.axes), direction), atol=1e-15
+        )
+        assert (
+            cells.find(middle) == number and cell.holds(cell.at(np.array([[0.9, -0.9], [-1.0, 1.0]]))).all()
+        )
 
 
 def test_outside_there_is_no_cell_and_no_number() -> None:

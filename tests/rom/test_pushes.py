@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from softfuse.functional.chart import facing, moved
-from softfuse.rom.cells import Spots
-from softfuse.rom.snapshots import pushes
+from softfuse.rom.cells import Cells, Spots
+from softfuse.rom.load_paths import ends, load_paths
 
 LOW = np.array([0.0, 0.0, 0.0, 1e5, 1e5])
 HIGH = np.array([2.0, 2.0, 6.0, 1e5, 1e5])
@@ -17,7 +17,7 @@ PLACES = facing(np.stack([1e-2 * np.arange(12.0), *np.zeros((2, 12))], axis=1), 
 
 @pytest.fixture
 def paths():
-    return pushes(jnp.asarray(PLACES[3:4]), 2, LOW, HIGH, levels=4, near=10)
+    return load_paths(Spots(PLACES).parts(3, 3), 2, LOW, HIGH, levels=4, near=10)
 
 
 def test_the_force_is_on_either_patch_or_on_both_with_and_without_the_cable(paths) -> None:
@@ -38,9 +38,32 @@ def test_what_is_near_stays_within_half_a_level_and_the_limits(paths) -> None:
 
 
 def test_several_cables_pull_one_by_one_and_together() -> None:
-    paths = pushes(jnp.asarray(PLACES[:1]), 1, np.zeros(3), np.ones(3), levels=2, near=1)
-    pulls = {tuple(path.levels[-1, 1:]) for path in paths}
+    pulls = {tuple(end[1:]) for end in ends(1, np.zeros(3), np.ones(3))}
     assert pulls == {(0, 0), (0.5, 0), (1, 0), (0, 0.5), (0, 1), (0.5, 0.5), (1, 1)}
+
+
+def test_forces_aside_are_tried_at_both_limits_beside_the_whole_force() -> None:
+    low, high = np.array([0.0, -2.0, -2.0]), np.full(3, 2.0)
+    found = {tuple(end) for end in ends(3, low, high)}
+    assert found == {(2, 0, 0), (2, 2, 0), (2, -2, 0), (2, 0, 2), (2, 0, -2)}
+
+
+def test_a_chamber_is_taught_at_either_gauge_pressure() -> None:
+    found = {tuple(end) for end in ends(1, np.array([0.0, -2.0]), np.array([1.0, 4.0]))}
+    assert found == {(force, p) for force in (0, 1) for p in (-2, -1, 0, 2, 4)} - {(0, 0)}
+
+
+def test_presses_are_all_over_a_cell_and_what_pulls_alone_is_there_once() -> None:
+    cell = Cells.over((0.0, 0.0), (4e-3, 4e-3), 4e-3)
+    paths = load_paths(cell.parts(0, 2), 1, np.zeros(2), np.array([5.0, 3.0]), levels=2, near=8)
+    pressed = [path for path in paths if path.levels[-1, 0] > 0]
+    assert len(pressed) == 4 * 3 and len(paths) == len(pressed) + 2
+    middles = np.unique([np.asarray(path.place)[0, 0, :2] for path in pressed], axis=0)
+    np.testing.assert_allclose(middles, 1e-3 * np.array([(1, 1), (1, 3), (3, 1), (3, 3)]), atol=1e-12)
+    for path in pressed:
+        away = np.asarray(path.near_places[:, :, 0, 0, :2] - path.place[0, 0, :2])
+        assert 0.8e-3 < np.abs(away).max() <= 1.15e-3
+        assert np.all(path.near_drives >= 0) and np.all(path.near_drives <= [5.0, 3.0])
 
 
 def test_what_is_nearest_to_an_electrode_is_its_region() -> None:

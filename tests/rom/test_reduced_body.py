@@ -15,7 +15,7 @@ from softfuse.errors import SoftfuseError, SolveError
 from softfuse.estimation.estimator import Estimator
 from softfuse.estimation.limits import Limits
 from softfuse.estimation.step import Observation
-from softfuse.functional.chart import facing
+from softfuse.functional.chart import FlatChart, facing
 from softfuse.functional.embedded_line import EmbeddedLine
 from softfuse.functional.point_pressure import PointPressure
 from softfuse.material import MooneyRivlin, NeoHookean
@@ -27,18 +27,19 @@ from softfuse.mesh.tetmesh import tet_mesh
 from softfuse.rom.basis import Basis, RestStiffness, rest_stiffness
 from softfuse.rom.cells import Cell
 from softfuse.rom.known_inverses import KnownInverses, far_apart
+from softfuse.rom.load_paths import LoadPath, load_paths
 from softfuse.rom.mode_points import mode_points
 from softfuse.rom.projection import project
 from softfuse.rom.reduced_body import ReducedBody
 from softfuse.rom.reduced_model import reduced_model
 from softfuse.rom.sampling import Cubature, Sampling, sampled
-from softfuse.rom.snapshots import LoadPath, presses, snapshots
+from softfuse.rom.snapshots import snapshots
 from softfuse.rom.teaching import Chart, ChartSettings, teach
 
 MM = 1e-3
 NONE = np.zeros((0, 3, 3))
 """Places of patches."""
-CELL = Cell(np.array([-12 * MM, 2 * MM, 0.0]), np.array([4 * MM, 4 * MM]), (0, 0, -1))
+CELL = Cell(np.array([-12 * MM, 2 * MM]), np.array([4 * MM, 4 * MM]), FlatChart.along((0, 0, -1)))
 """Places of the contact."""
 UNSEEN = [((-12.3 * MM, 3.1 * MM), 6.0), ((-9.3 * MM, 0.4 * MM), 7.5), ((-14.9 * MM, 5.2 * MM), 2.2)]
 """Places and forces [N] that nothing was taught on."""
@@ -82,7 +83,7 @@ def taught(model: Model, stiffness: RestStiffness) -> Taught:
         body,
         stiffness,
         device_loads(model),
-        presses(CELL, 8.0, side=2, levels=3, near=6),
+        load_paths(CELL.parts(2), 1, np.zeros(1), np.array([8.0]), levels=3, near=6),
         around=[jnp.asarray(place)[None] for place in CELL.grid(9)],
         settings=ChartSettings(displacements=45, pressures=18),
     )
@@ -268,7 +269,7 @@ def test_a_stiffness_field_is_reduced_with_the_body(model: Model) -> None:
         body,
         stiffness,
         device_loads(made),
-        presses(CELL, 8.0, side=2, levels=3, near=6),
+        load_paths(CELL.parts(2), 1, np.zeros(1), np.array([8.0]), levels=3, near=6),
         around=[jnp.asarray(place)[None] for place in CELL.grid(9)],
         settings=ChartSettings(displacements=45, pressures=18),
     )
