@@ -15,6 +15,10 @@ from packaging.version import Version
 if Version(metadata.version("jaxlib")) < Version("0.11"):
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
 
+import checks
+
+checks.install()
+
 import hypothesis
 import jax
 import jax.numpy as jnp

@@ -4,6 +4,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from checks import stand_in
 
 from softfuse.functional.chart import FlatChart
 from softfuse.sensors.capacitive import BaselineSettings, CapacitiveArray
@@ -36,14 +37,14 @@ def mm(values: Any) -> list[str]:
 
 def chambered(chambers: Any, *, drive: int | None = None, atmosphere: float = 101325.0) -> Parts:
     """A robot of nothing but chambers, vented or sealed with a number of their drive."""
-    nothing: Any = None
+    nothing = stand_in()
     made = {name: ChamberPart(nothing, drive, sealed=drive is not None) for name in chambers}
     return Parts(nothing, np.zeros((0, 3), int), made, atmosphere=atmosphere)
 
 
 def touched_at(contact: str, slots: int, chart: FlatChart | None = None) -> Parts:
     """A robot of nothing but a contact with so many slots, on a face, or where sensors say."""
-    nothing: Any = None
+    nothing = stand_in()
     part = ContactPart(chart, 5e-3, slots, np.full(2, -32e-3), np.full(2, 32e-3))
     return Parts(nothing, np.zeros((0, 3), int), contacts={contact: part})
 

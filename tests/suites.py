@@ -1,11 +1,11 @@
 """The sensors of robots of configs/, without bodies, and what they say of recordings of tests/data."""
 
 from pathlib import Path
-from typing import Any
 
 import equinox as eqx
 import jax
 import numpy as np
+from checks import stand_in
 
 from softfuse.functional.chart import FlatChart
 from softfuse.hardware.recording import Recording, read_recording
@@ -17,7 +17,7 @@ from softfuse.sensors.suite import Observation, SensorSuite
 TESTS = Path(__file__).parent
 PAD = load(TESTS.parent / "configs" / "pad.toml")
 
-NOTHING: Any = None
+NOTHING = stand_in()
 DOWN = FlatChart.along(np.array([0.0, 0.0, -1.0]))
 
 

@@ -160,7 +160,7 @@ class AbstractBody(eqx.Module):
         _, action = jax.linearize(self.residual, z)
         return lambda directions: column_by_column(action, directions)
 
-    def truncation(self, z: Float[Array | np.ndarray, " n"]) -> Float[Array | np.ndarray, ""]:
+    def truncation(self, z: Float[Array | np.ndarray, " n"]) -> Float[Array | np.ndarray | np.float64, ""]:
         """What part of the shape is made by the last of its modes [-]: about what those that were left out
         would have added. 0 for a body without modes.
         """

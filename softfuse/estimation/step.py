@@ -112,7 +112,7 @@ class StepReport(NamedTuple):
     unbalanced: Float[Array, ""]
     contraction: Float[Array, ""]
     least_volume_ratio: Float[Array, ""]
-    truncation: Float[Array | np.ndarray, ""]
+    truncation: Float[Array | np.ndarray | np.float64, ""]
 
 
 def strokes(model: Model, loads: Loads, state: State) -> Float[Array, " D"]:

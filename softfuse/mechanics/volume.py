@@ -17,10 +17,10 @@ from softfuse.mechanics.load import AbstractPorts
 
 
 class VolumePorts(AbstractPorts):
-    """The volumes of cavities (p,) [m³], and the elements (f,) that the faces of each belong to."""
+    """The volumes of cavities (p,) [m³], and the elements that the faces of each belong to."""
 
     cavities: tuple[Cavity, ...]
-    elements: tuple[Int[Array, " f"], ...]
+    elements: tuple[Int[Array, "_"], ...]
 
     @classmethod
     def of(cls, cavities: tuple[Cavity, ...], body: AbstractBody) -> "VolumePorts":

@@ -11,6 +11,7 @@ physical groups, else from MED's "cell_tags" or medit's references; cells withou
 import contextlib
 import io
 import logging
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -81,8 +82,8 @@ def write_mesh(
     path: str | Path,
     mesh: TetMesh,
     *,
-    point_data: dict[str, np.ndarray] | None = None,
-    cell_data: dict[str, np.ndarray] | None = None,
+    point_data: Mapping[str, np.ndarray | Sequence[float]] | None = None,
+    cell_data: Mapping[str, np.ndarray] | None = None,
 ) -> None:
     """Write nodes in metres, tetrahedra and their "region" in the format that the file's ending names.
 
@@ -152,7 +153,7 @@ def write_surface(path: str | Path, shell: Shell, *, scale: float = 1.0) -> None
     trimesh.Trimesh(scale * shell.nodes, shell.faces, process=False).export(path)
 
 
-def _check_fields(data: dict[str, np.ndarray], count: int, place: str) -> None:
+def _check_fields(data: Mapping[str, np.ndarray | Sequence[float]], count: int, place: str) -> None:
     for name, values in data.items():
         if len(values) != count:
             raise MeshError(f"the field '{name}' has {len(values)} values for {count} {place}: give one each")

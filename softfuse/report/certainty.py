@@ -215,7 +215,8 @@ def _located(felt: Felt, name: str, sensor: CrossedElectrodes) -> Located | None
     seen = [each.details[name] for each, felt_it in zip(felt.observed, on, strict=True) if felt_it]
     dent = np.array([each.dent_m for each in seen])
     promised = [
-        sensor.pose.spread(each.covariance_m2 / each.widening, jnp.ones(()), jnp.zeros(())) for each in seen
+        sensor.pose.spread(jnp.asarray(each.covariance_m2 / each.widening), jnp.ones(()), jnp.zeros(()))
+        for each in seen
     ]
     sigma = np.sqrt(np.diagonal(np.array(promised), axis1=1, axis2=2))
     return Located(applied.place[on, 0, 0, :2], location, sigma, dent, applied.press[on])

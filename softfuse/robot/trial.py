@@ -291,7 +291,7 @@ def _place(robot: Robot, contact: ContactSettings, at: str) -> Float[np.ndarray,
         coordinates = point if point.size == 2 else chart.coordinates(facing(point, _DOWN))
         return np.asarray(chart.place(jnp.asarray(coordinates)))
     rest = np.asarray(robot.model.body.rest)
-    return nearest_places(rest, robot.parts.faces, point)[0]
+    return nearest_places(rest, robot.parts.faces, point[None])[0]
 
 
 def _numbers(at: str, names: Sequence[str], flat: bool) -> Float[np.ndarray, " d"]:

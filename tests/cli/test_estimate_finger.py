@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -235,7 +236,7 @@ def test_without_truth_there_is_no_evaluation(tmp_path: Path, coarse: Path) -> N
             statuses=(Status.no_contact,),
             latency_s=0.01,
         )
-        study.see(Estimate(tracked, None, robot.model.rest_state(at)))
+        study.see(Estimate(tracked, None, robot.model.rest_state(jnp.asarray(at))))
         writer.write()
     numbers = summary(study, None)
     assert not {"position_error_mm", "force_error_percent", "phantom_force_N", "samples"} & set(numbers)

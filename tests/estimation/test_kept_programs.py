@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from checks import unchecked as no_checks
 
 from softfuse.estimation import kept_programs, live_step
 from softfuse.estimation.estimator import DEFAULT_STEPS, Estimator, StepSettings
@@ -31,6 +32,13 @@ def folder(tmp_path: Path) -> Iterator[Path]:
     jax.config.update("jax_compilation_cache_dir", str(tmp_path / "jax"))
     yield tmp_path / "jax" / "softfuse"
     jax.config.update("jax_compilation_cache_dir", before)
+
+
+@pytest.fixture(autouse=True)
+def unchecked() -> Iterator[None]:
+    """Checks of shapes would be traced and lowered, too."""
+    with no_checks():
+        yield
 
 
 @pytest.fixture

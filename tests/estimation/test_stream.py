@@ -1,11 +1,11 @@
 """The one function that follows frames: which are sensed, estimated and smoothed, and in what order."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from checks import stand_in
 
 from softfuse.estimation.stream import follow, smoother_of
 from softfuse.estimation.tracked import Frame, Tracked
@@ -40,7 +40,7 @@ class Smoother:
 
     def update(self, now: Tracked) -> Any:
         force = np.nan if now.time_s == 3 else 0.5 * now.force_N
-        return SimpleNamespace(force_N=force)
+        return stand_in(force_N=force)
 
 
 FRAMES = [(Frame(float(k), np.array([float(k > 1)])), k != 1) for k in range(5)]

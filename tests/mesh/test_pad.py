@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from checks import unchecked
 
 from softfuse.errors import MeshError
 from softfuse.mesh.bisection import TaggedTets, bisected
@@ -219,7 +220,7 @@ def test_cavities_are_resized_about_their_middles(geometry: PadGeometry, pad: Te
         assert enclosed_volume(after.nodes, wall.faces) == pytest.approx(size.prod(), rel=1e-9)
     skin = outer_surface(pad).faces
     np.testing.assert_allclose(after.nodes[skin], pad.nodes[skin], atol=1e-15)
-    with pytest.raises(MeshError, match="3 growths are given for 4 cavities"):
+    with unchecked(), pytest.raises(MeshError, match="3 growths are given for 4 cavities"):
         reshaped_cavities(pad, shifts, growths[:3])
 
 

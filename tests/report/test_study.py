@@ -1,10 +1,10 @@
 """Which shapes of a recording are kept, and which contact is which."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from checks import stand_in
 
 from softfuse.report.study import Peaks
 from softfuse.report.truth import matched_contacts
@@ -12,7 +12,7 @@ from softfuse.report.truth import matched_contacts
 
 def test_each_run_keeps_the_shape_at_its_peak() -> None:
     sizes = [(0, 0.0), (1, np.nan), (1, 2.0), (1, np.nan), (1, 5.0), (1, 1.0), (0, 0.0), (1, 3.0), (1, 0.0)]
-    peaks, estimate = Peaks(), [object() for _ in sizes]
+    peaks, estimate = Peaks(), [stand_in() for _ in sizes]
     for frame, (going, size) in enumerate(sizes):
         now: Any = estimate[frame]
         peaks.see(frame, going > 0, size, now)
@@ -23,7 +23,7 @@ def test_each_run_keeps_the_shape_at_its_peak() -> None:
 def found(places: list[list[float]], touching: list[bool]) -> Any:
     """A frame with contacts at places in mm."""
     count = len(places)
-    return SimpleNamespace(
+    return stand_in(
         touching=np.array(touching),
         location_m=1e-3 * np.array(places),
         axis_sigma_m=np.full((count, 3), 1e-4),
@@ -42,7 +42,7 @@ def truth(rows: list[tuple[int, float, float, float, float]]) -> Any:
         "a1_force_N": table[:, 4],
     }
     columns |= {f"a{k}_y_mm": np.zeros(len(table)) for k in range(2)}
-    return SimpleNamespace(columns=columns, level=table[:, 0].astype(int), get=columns.__getitem__)
+    return stand_in(columns=columns, level=table[:, 0].astype(int), get=columns.__getitem__)
 
 
 def test_contacts_are_matched_with_those_that_are_nearest() -> None:
@@ -62,7 +62,7 @@ def test_contacts_are_matched_with_those_that_are_nearest() -> None:
 
 
 def test_without_truth_of_each_there_is_nothing_to_match() -> None:
-    nothing: Any = SimpleNamespace(columns={}, level=np.ones(1, int))
+    nothing: Any = stand_in(columns={}, level=np.ones(1, int))
     assert matched_contacts([], nothing, ("a0",)) is None
 
 

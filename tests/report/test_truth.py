@@ -1,11 +1,11 @@
 """What recordings say of the truth, by names and by numbers."""
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from checks import stand_in
 
 from softfuse.errors import RecordingError
 from softfuse.experiment.accuracy import NOWHERE
@@ -28,7 +28,7 @@ def columns(**changed: Any) -> Any:
         "chambers": {"gut": "gut"},
         "points": {"tip": "tip"},
     }
-    return SimpleNamespace(**(given | changed))
+    return stand_in(**(given | changed))
 
 
 def recording(tmp_path: Path, head: str, *rows: str) -> Recording:

@@ -1,12 +1,12 @@
 """Points, bending, chambers and contacts of a block whose displacement grows in proportion to the height."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from checks import stand_in
 
 from softfuse.body import LINEAR, Body, mesh_for
 from softfuse.functional.cavity import Cavity
@@ -39,10 +39,10 @@ def robot() -> Any:
     law = NeoHookean.from_young(0.6e6, 0.3)
     body = Body.from_mesh(mesh, [law], mesh.nodes[:, 2] < 1e-9, element=LINEAR)
     (wall,) = cavities(mesh, geometry.centres())
-    chamber = SimpleNamespace(cavity=Cavity(jnp.asarray(wall.faces)))
-    parts = SimpleNamespace(faces=outer_surface(mesh).faces, chambers={"only": chamber})
+    chamber = stand_in(cavity=Cavity(jnp.asarray(wall.faces)))
+    parts = stand_in(faces=outer_surface(mesh).faces, chambers={"only": chamber})
     model = Model(body, (), (), Dense.plan(body))
-    return SimpleNamespace(
+    return stand_in(
         model=model,
         parts=parts,
         points=lambda: MaterialPoints.embedded(body, POINTS),
