@@ -56,7 +56,7 @@ class EstimatorSettings(Settings):
     steps_per_frame: PositiveInteger = 1
     regularisation: Annotated[Number, Ge(0)] = 1e-6
     model_error: BySensor | None = None
-    model_error_floor: BySensor = 0.03
+    model_error_floor: BySensor = Field(default_factory=dict)
     reading_spread: ExistingFile | None = None
     poor_fit: PositiveNumber = 0.25
     largest_motion: PositiveLength | None = None
