@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
+from checks import stand_in
 
 from softfuse.calibration.of_robot import Fitted
 from softfuse.calibration.robust import Discrepancy
@@ -21,10 +20,9 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 def named(settings: RobotSettings, sensors: Mapping[str, int]) -> Fitted:
     """A robot known by its settings and sensors only, with so many readings each."""
-    robot: Any = SimpleNamespace(settings=settings, addresses=SimpleNamespace(readings=sensors))
-    nothing: Any = None
+    robot = stand_in(settings=settings, addresses=stand_in(readings=sensors))
     kind = np.repeat(np.arange(len(sensors)), list(sensors.values()))
-    return Fitted(robot, nothing, np.arange(len(kind)), kind, (), np.zeros(0, bool))
+    return Fitted(robot, stand_in(), np.arange(len(kind)), kind, (), np.zeros(0, bool))
 
 
 def test_actuators_are_as_they_were_in_one_sample() -> None:
