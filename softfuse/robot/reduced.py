@@ -29,16 +29,18 @@ _LIGHT = 1e-2
 
 
 def build_regions(config: RobotSettings) -> AbstractRegions:
-    """The cells of a disc's workspace, or the places that have a name.
+    """The cells of a flat workspace, or the places that have a name.
 
-    Raises ConfigError when there is not one kind of contact that presses in cells or at named places.
+    Raises ConfigError when there is not one contact, or one that presses neither in a workspace nor at named
+    places.
     """
     contact = config.contact()
     if contact.direction is None:
         if not config.places:
             raise ConfigError(
-                f"{config.path}: contact: reduced models are trained for discs in a flat workspace, or for "
-                "places of electrodes; this contact has neither"
+                f"{config.path}: contact: charts are taught in a flat workspace or at places of electrodes, "
+                "and this one presses anywhere on a surface: estimate without charts, or give it a direction "
+                "and a workspace"
             )
         return Spots(np.array(list(config.places.values())))
     low, high = (tuple(end.tolist()) for end in contact.ranges)

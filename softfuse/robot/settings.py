@@ -91,8 +91,10 @@ class RobotSettings(FileSettings):
         names = [each.name for each in self.contacts]
         if name is None and len(names) == 1:
             return self.contacts[0]
+        if not names:
+            raise ConfigError(f"{self.path}: contact: missing, this needs something that may press")
         if name not in names:
-            known = ", ".join(f'"{each}"' for each in names) or "none"
+            known = ", ".join(f'"{each}"' for each in names)
             raise ConfigError(f"{self.path}: contact: say which one is meant: there is {known}")
         return self.contacts[names.index(name)]
 

@@ -84,5 +84,10 @@ def test_charts_of_another_pad_are_refused(coarse, charts, code_of, tmp_path, ca
 
 
 def test_a_device_that_nothing_presses_is_not_reduced(coarse) -> None:
-    with pytest.raises(ConfigError, match="contact: say which one is meant: there is none"):
+    with pytest.raises(ConfigError, match="contact: missing, this needs something that may press"):
         build_regions(load(coarse).model_copy(update={"contacts": ()}))
+
+
+def test_what_presses_anywhere_on_a_surface_is_told_what_to_give() -> None:
+    with pytest.raises(ConfigError, match="give it a direction and a workspace"):
+        build_regions(load(Path(__file__).parents[2] / "configs" / "dome.toml"))
