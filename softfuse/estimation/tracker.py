@@ -81,7 +81,8 @@ class Tracker:
         count = len(robot.workspaces)
         self._check()
         # A frame of any place will do to compile for.
-        places = jnp.broadcast_to(jnp.asarray(_anywhere(robot)), (count, 3, 3))
+        somewhere = [part.somewhere for part in robot.parts.contacts.values()]
+        places = jnp.broadcast_to(jnp.asarray((somewhere or [np.eye(3)])[0]), (count, 3, 3))
         known = all(workspace is None for workspace in robot.workspaces)
         with ThreadPoolExecutor(1) as aside:
             self._suite = CompiledSuite(robot.suite, aside)
@@ -358,12 +359,3 @@ class Tracker:
         if np.any(at_limit & self._of_contacts(seen.pressing)):
             doubts.append(Status.force_limit)
         return doubts + doubts_of(now, sigma, found, misfit, self.settings.poor_fit)
-
-
-def _anywhere(robot: Robot) -> Float[np.ndarray, "3 3"]:
-    """Some place of the surface."""
-    for workspace in robot.workspaces:
-        if workspace is not None:
-            return workspace.grid(2)[0][0]
-    node = np.asarray(robot.model.body.rest)[np.asarray(robot.parts.faces)[0, 0]]
-    return np.stack([node, np.eye(3)[0], np.eye(3)[1]])

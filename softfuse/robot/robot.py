@@ -161,6 +161,8 @@ def build_robot(settings: RobotSettings, mesh: RobotMesh | None = None) -> Robot
         for chamber, wall in zip(settings.chambers, mesh.cavities, strict=True)
     }
     actuators, drives = _actuators(settings, body, cavities)
+    rest = mesh.mesh.nodes
+    slots, kinds, workspaces = _slots(settings, rest, faces)
     parts = Parts(
         body,
         faces,
@@ -179,7 +181,11 @@ def build_robot(settings: RobotSettings, mesh: RobotMesh | None = None) -> Robot
         cables={cable.name: CablePart(drives[cable.name], k) for k, cable in enumerate(settings.cables)},
         contacts={
             contact.name: ContactPart(
-                contact.chart(faces, mesh.mesh.nodes), contact.radius, contact.at_once, *contact.ranges
+                contact.chart(faces, rest),
+                contact.radius,
+                contact.at_once,
+                *contact.ranges,
+                _somewhere(settings, workspaces[slots[contact.name].start], rest, faces),
             )
             for contact in settings.contacts
         },
@@ -188,8 +194,6 @@ def build_robot(settings: RobotSettings, mesh: RobotMesh | None = None) -> Robot
         atmosphere=settings.environment.atmosphere,
     )
     suite, readings, numbers = _sensors(settings, parts)
-    rest = mesh.mesh.nodes
-    slots, kinds, workspaces = _slots(settings, rest, faces)
     contacts = tuple(contact.contact(faces, rest) for contact in settings.contacts)
     _check_electrodes(settings, body, contacts)
     model = Model(body, readings, contacts, Multifrontal.plan(body), actuators, kinds)
@@ -289,6 +293,20 @@ def _slots(
         kinds += [k] * contact.at_once
         workspaces += [workspace] * contact.at_once
     return slots, tuple(kinds), tuple(workspaces)
+
+
+def _somewhere(
+    settings: RobotSettings,
+    workspace: AbstractWorkspace | None,
+    rest: Float[np.ndarray, "k 3"],
+    faces: np.ndarray,
+) -> Float[np.ndarray, "3 3"]:
+    """A place (3, 3) where a contact may press: in its workspace, or where a sensor sees it."""
+    if workspace is not None:
+        return workspace.grid(2)[0][0]
+    for place in settings.places.values():
+        return place
+    return np.stack([rest[faces[0, 0]], np.eye(3)[0], np.eye(3)[1]])
 
 
 def _commands(settings: RobotSettings, drives: Mapping[str, int]) -> tuple[Command, ...]:

@@ -68,7 +68,7 @@ def apart(low_m: Float[Array, "2"], high_m: Float[Array, "2"], slots: int) -> Fl
 
 class ContactSlots(eqx.Module):
     """The slots of one [[contact]]: numbers of those that see it among the contact sensors; its coordinates,
-    None where sensors name the places; and the lowest and highest coordinates (2,) [m].
+    None where it has none; the lowest and highest coordinates (2,) [m]; a place (3, 3) where it may press.
     """
 
     name: str = eqx.field(static=True)
@@ -77,10 +77,11 @@ class ContactSlots(eqx.Module):
     chart: FlatChart | None
     low_m: Float[Array, "2"]
     high_m: Float[Array, "2"]
+    somewhere: Float[Array, "3 3"]
 
     def waiting(self) -> Float[Array, "c 3 3"]:
-        """Places of contacts that nobody sees: in the middle, apart from each other; anywhere without
-        coordinates.
+        """Places of contacts that nobody sees: in the middle, apart from each other; the same without
+        coordinates, where a body can be pressed: off its surface a patch has no rows.
         """
         low, high = (jnp.where(jnp.isfinite(end), end, 0.0) for end in (self.low_m, self.high_m))
         return self.at(apart(low, high, self.slots))
@@ -88,7 +89,7 @@ class ContactSlots(eqx.Module):
     def at(self, coordinates: Float[Array, "c 2"]) -> Float[Array, "c 3 3"]:
         """Places at coordinates (c, 2) [m]."""
         if self.chart is None:
-            return jnp.broadcast_to(jnp.eye(3).at[0].set(0.0), (len(coordinates), 3, 3))
+            return jnp.broadcast_to(self.somewhere, (len(coordinates), 3, 3))
         return chart_places(self.chart, coordinates, jnp.zeros_like(coordinates))[0]
 
 

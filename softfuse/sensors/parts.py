@@ -51,8 +51,8 @@ class CablePart:
 
 @dataclass(frozen=True, eq=False)
 class ContactPart:
-    """What may press: the coordinates of its places, None where a sensor names them; radius [m], how many at
-    once, and the lowest and highest coordinates (2,) [m] of middles.
+    """What may press: the coordinates of its places, None where it has none; radius [m], how many at once,
+    and the lowest and highest coordinates (2,) [m] of middles; `somewhere`: where it may press (3, 3).
     """
 
     chart: FlatChart | None
@@ -60,6 +60,7 @@ class ContactPart:
     slots: int = 1
     low: Float[np.ndarray, "2"] = field(default_factory=lambda: np.full(2, -np.inf))
     high: Float[np.ndarray, "2"] = field(default_factory=lambda: np.full(2, np.inf))
+    somewhere: Float[np.ndarray, "3 3"] = field(default_factory=lambda: np.eye(3))
 
 
 @dataclass(frozen=True, eq=False)

@@ -151,6 +151,7 @@ class SensorSuite(eqx.Module):
                 part.chart,
                 jnp.asarray(part.low, float),
                 jnp.asarray(part.high, float),
+                jnp.asarray(part.somewhere, float),
             )
             for name, part in parts.contacts.items()
         )

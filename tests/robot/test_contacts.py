@@ -216,6 +216,16 @@ def test_a_dome_is_pressed_along_its_own_normal(build: Build) -> None:
     assert found["readings"][2] < 0 and found["readings"][0] < -0.05 * abs(found["readings"][2])
 
 
+def test_what_has_not_been_found_waits_where_it_may_press(build: Build) -> None:
+    """At the origin, outside of this dome, a patch has no rows: every frame was NaN, "inverted element"."""
+    robot = build(PATCH + 'surface = { z = ["6 mm", "20 mm"] }', "dome")
+    (contact,) = robot.suite.contacts
+    places = contact.waiting()
+    assert places.shape == (1, 3, 3) and places[0, 0, 2] > 6e-3
+    rows = robot.model.loads(places).rows(robot.model.body, jnp.zeros(robot.model.body.n))
+    assert jnp.all(jnp.isfinite(rows)) and jnp.any(rows != 0)
+
+
 def test_a_force_may_have_any_direction(build: Build) -> None:
     robot = build(FORCE + FLAT)
     straight = _pressed(robot, Press(None, "0,0", 0.2))
