@@ -143,8 +143,10 @@ class Estimator:
         self.live.prepare_begin()
         assert told is not None
         report = told.report
+        found = [told.drive, report.contraction, *([] if report.offset is None else [report.offset])]
         lost = not (
-            report.least_volume_ratio > self.settings.least_volume_ratio and np.isfinite(report.contraction)
+            report.least_volume_ratio > self.settings.least_volume_ratio
+            and all(np.isfinite(np.asarray(each)).all() for each in found)
         )
         if lost:
             self.reset()
