@@ -68,17 +68,19 @@ class Model(eqx.Module):
         """1 for the forces F of each of so many contacts, else 0 (c, F)."""
         return np.repeat(np.eye(count), [kind.drives for kind in self.kinds(count)], axis=1)
 
-    def loads(self, places: Sequence[Array] | Array) -> Loads:
+    def loads(self, places: Sequence[Array] | Array | np.ndarray) -> Loads:
         """The loads under contacts at places (c, 3, 3)."""
         kinds = self.kinds(len(places))
-        touching = [kind.load(self.body, place) for kind, place in zip(kinds, places, strict=True)]
+        touching = [
+            kind.load(self.body, jnp.asarray(place)) for kind, place in zip(kinds, places, strict=True)
+        ]
         return Loads((*touching, *self.actuators))
 
-    def rest_state(self, places: Sequence[Array] | Array) -> State:
+    def rest_state(self, places: Sequence[Array] | Array | np.ndarray) -> State:
         """The undeformed state under contacts at places (c, 3, 3) without force."""
         return State.rest(self.body, self.loads(places))
 
-    def reading(self, state: State, places: Sequence[Array] | Array = ()) -> Float[Array, " k"]:
+    def reading(self, state: State, places: Sequence[Array] | Array | np.ndarray = ()) -> Float[Array, " k"]:
         """What the sensors read in a state under contacts at places (c, 3, 3), minus what they read at rest
         (k,), in SI; the places only matter to readings that see the contacts' forces, see
         `AbstractReading.of`.
@@ -91,7 +93,7 @@ class Model(eqx.Module):
         """What answers the actuators' drives (a,), see `AbstractLoad.conjugate`."""
         return Equilibrium(self.body, Loads(()), Loads(self.actuators), state).answers
 
-    def depths(self, places: Sequence[Array] | Array, state: State) -> Float[Array, " c"]:
+    def depths(self, places: Sequence[Array] | Array | np.ndarray, state: State) -> Float[Array, " c"]:
         """How far each of contacts at places (c, 3, 3) has sunk in (c,) [m], the mean of its parts; or how
         hard it presses [N], where it is driven by its depth.
         """
@@ -102,7 +104,7 @@ class Model(eqx.Module):
         shares = np.concatenate([np.zeros(0), *(kind.shares for kind in self.kinds(count))])
         return jnp.asarray(self.owning(count) * shares) @ answers
 
-    def depth(self, places: Sequence[Array] | Array, state: State) -> Float[Array, ""]:
+    def depth(self, places: Sequence[Array] | Array | np.ndarray, state: State) -> Float[Array, ""]:
         """That of the first contact."""
         return self.depths(places[:1], state)[0]
 
@@ -138,11 +140,13 @@ def simulate(model: Model, places: Array, drive: Float[Array, " D"], start: Stat
 
 @eqx.filter_jit
 def compliance(
-    model: Model, places: Array, drive: Float[Array, " D"], start: State | None = None
+    model: Model, places: Array | np.ndarray, drive: Float[Array, " D"], start: State | None = None
 ) -> Float[Array, "k D"]:
     """W = ∂s/∂u (k, D), readings per drive, at the equilibrium under drives (D,): one linear
     solve for each.
     """
+
+    places = jnp.asarray(places)
 
     def measured(given):
         return model.reading(simulate(model, places, given, start).state, places)

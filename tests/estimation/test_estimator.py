@@ -64,6 +64,12 @@ def test_volumes_that_no_force_explains_leave_a_finite_state(estimator: Estimato
     np.testing.assert_allclose(found.drive[0], 9.0, rtol=1e-6)
 
 
+def test_a_place_that_is_no_number_is_given_up(estimator: Estimator, press) -> None:
+    estimator.reset()
+    found = estimator.update(press[-1]._replace(places=jnp.full_like(AT, jnp.nan)))
+    assert found.lost and np.all(np.isfinite(found.drive)) and bool(jnp.all(jnp.isfinite(estimator.state.z)))
+
+
 def test_more_steps_a_frame_follow_closer(model, one, press: list[Observation]) -> None:
     patient = Estimator(model, one, AT, StepSettings(steps_per_frame=3))
     force = np.array([patient.update(seen).drive[0] for seen in press])
