@@ -81,8 +81,8 @@ class Tracker:
         count = len(robot.workspaces)
         self._check()
         # A frame of any place will do to compile for.
-        somewhere = [part.somewhere for part in robot.parts.contacts.values()]
-        places = jnp.broadcast_to(jnp.asarray((somewhere or [np.eye(3)])[0]), (count, 3, 3))
+        waiting = [part.somewhere for part in robot.parts.contacts.values() for _ in range(part.slots)]
+        places = jnp.asarray(np.reshape(waiting, (-1, 3, 3)))
         known = all(workspace is None for workspace in robot.workspaces)
         with ThreadPoolExecutor(1) as aside:
             self._suite = CompiledSuite(robot.suite, aside)

@@ -261,13 +261,13 @@ class RobotSolver:
         return pose
 
 
-@eqx.filter_jit
 def _no_equilibrium(where: str, found: Solution) -> SolveError:
     return SolveError(
         f"{where}: no equilibrium: {RESULTS[found.result]}; press less hard, or drive it less far"
     )
 
 
+@eqx.filter_jit
 def _measured(model: Model, contacts: Loads, state: State) -> tuple[Array, Array, Array]:
     """Readings (k,), drives and answers (a,) of the actuators."""
     at = Equilibrium(model.body, contacts, Loads(model.actuators), state)

@@ -145,7 +145,6 @@ def compliance(
     """W = ∂s/∂u (k, D), readings per drive, at the equilibrium under drives (D,): one linear
     solve for each.
     """
-
     places = jnp.asarray(places)
 
     def measured(given):

@@ -19,6 +19,7 @@ from softfuse.body.element import ELEMENTS
 from softfuse.body.stiffness_field import with_field
 from softfuse.errors import ConfigError
 from softfuse.functional.cavity import Cavity
+from softfuse.functional.chart import facing
 from softfuse.functional.material_points import MaterialPoints
 from softfuse.functional.workspace import AbstractWorkspace
 from softfuse.mechanics.gas import SealedGas
@@ -304,9 +305,7 @@ def _somewhere(
     """A place (3, 3) where a contact may press: in its workspace, or where a sensor sees it."""
     if workspace is not None:
         return workspace.grid(2)[0][0]
-    for place in settings.places.values():
-        return place
-    return np.stack([rest[faces[0, 0]], np.eye(3)[0], np.eye(3)[1]])
+    return next(iter(settings.places.values()), facing(rest[faces[0, 0]], (0, 0, -1)))
 
 
 def _commands(settings: RobotSettings, drives: Mapping[str, int]) -> tuple[Command, ...]:

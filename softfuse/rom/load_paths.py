@@ -43,9 +43,9 @@ def load_paths(
     heights = np.arange(1, levels + 1)[:, None] / levels
     # A power of two keeps the sequence balanced, whatever is taken of it.
     power = int(np.ceil(np.log2(levels * near + 1)))
-    paths = []
+    paths, reached = [], ends(pushes, low, high)
     for number, part in enumerate(parts):
-        for end in ends(pushes, low, high):
+        for end in reached:
             if number and not np.any(end[:pushes]):
                 continue  # it is nowhere
             spread = qmc.Sobol(2 + len(low), rng=seed + len(paths)).random_base2(power)[: levels * near]

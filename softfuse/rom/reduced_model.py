@@ -26,8 +26,8 @@ def reduced_model(
 
     Chambers become polynomials, actuators and what presses become rows of the modes, patches at `places` (e,
     3, 3) only; other functionals stay, so that the chart must watch their nodes. Raises SoftfuseError when
-    the body is a reduced one already, SolveError when an actuator or a contact cannot be projected, or the
-    stiffness is singular.
+    the body is a reduced one already, SolveError when an actuator cannot be projected, or the stiffness is
+    singular.
     """
     full = model.body.full
     body = project(full, stiffness, chart)

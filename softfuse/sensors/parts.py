@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from softfuse.body.base import AbstractBody
 from softfuse.errors import ConfigError
 from softfuse.functional.cavity import Cavity
-from softfuse.functional.chart import FlatChart
+from softfuse.functional.chart import FlatChart, facing
 
 ATMOSPHERE_PA = 101325.0
 """Absolute pressure around what nobody has measured it for [Pa]."""
@@ -60,7 +60,7 @@ class ContactPart:
     slots: int = 1
     low: Float[np.ndarray, "2"] = field(default_factory=lambda: np.full(2, -np.inf))
     high: Float[np.ndarray, "2"] = field(default_factory=lambda: np.full(2, np.inf))
-    somewhere: Float[np.ndarray, "3 3"] = field(default_factory=lambda: np.eye(3))
+    somewhere: Float[np.ndarray, "3 3"] = field(default_factory=lambda: facing(np.zeros(3), (0, 0, -1)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from made_robots import BEAM, BLOCK, quick_robot, settings_of
 
-from softfuse.errors import ConfigError
+from softfuse.errors import ConfigError, SolveError
 from softfuse.experiment.episodes import Episode, Touch, episodes_of, place_of
 from softfuse.experiment.equilibria import RobotSolver, kept_poses
 from softfuse.experiment.virtual_robot import MakingErrors, VirtualRobot, virtual_robot
@@ -33,6 +33,13 @@ def at(robot: VirtualRobot, x: float, y: float, forces: tuple[float, ...] = FORC
     chart = robot.made.parts.contacts["stage"].chart
     assert chart is not None
     return Touch("stage", place_of(np.asarray(chart.place(jnp.array([x, y])))), forces)
+
+
+def test_a_press_that_it_cannot_bear_is_told(block: VirtualRobot) -> None:
+    with pytest.raises(
+        SolveError, match='"stage" at .* mm.* no equilibrium: inverted element: .*; press less hard'
+    ):
+        RobotSolver(block).poses(Episode((at(block, 0.01, 0.0, (1e5,)),)))
 
 
 def test_a_robot_is_off_its_drawing_within_bounds() -> None:
