@@ -3,12 +3,12 @@
     .venv/bin/python benchmarks/virtual_twins.py CONFIG --out FOLDER [--fitted-to 10] [--others 40]
 
 The twin has at least twice the nodes, a silicone that stiffens as the nearest one of the data sheets, parts
-off by up to 0.5 mm, a modulus off by up to 10 %, and sensors with zeros, gains, drift and noise of their own,
-all drawn from a seed. It is pressed and driven at random. `softfuse calibrate` sees the first presses; of the
-others, each of three forces of which is held, printed are: force and place where `softfuse observe` says of
-the calibrated robot that its sensors tell both, and where it says they do not, root mean squares of forces
-above a fifth of the range; how much of the surface that is; points, of the body's length; and in which part
-of them the truth is within 1.645 standard deviations.
+off by up to 0.5 mm, a modulus off by up to 10 %, sensors with gains off by up to 3 %, and with zeros, drift
+and noise of their own, all drawn from a seed. It is pressed and driven at random. `softfuse calibrate` sees
+the first presses; of the others, each of three forces of which is held, printed are: force and place where
+`softfuse observe` says of the calibrated robot that its sensors tell both, and where it says they do not,
+root mean squares of forces above a fifth of the range; how much of the surface that is; points, of the body's
+length; and in which part of them the truth is within 1.645 standard deviations.
 """
 
 import argparse
@@ -28,6 +28,9 @@ from softfuse.report.presses import Part
 PART, PRESSED = 0.2, 0.4
 """Forces count from this part of the range; `observe` looks at this one."""
 
+GAIN = 0.03
+"""By which part readings are off at most."""
+
 BEFORE = 5
 """Frames before a sample that are estimated, too."""
 
@@ -42,7 +45,7 @@ def recorded(settings: sf.RobotSettings, presses: int, seed: int, out: Path) -> 
     episodes = sf.random_episodes(twin, presses, seed=seed)
     played = sf.performance(twin, episodes, folder=out / "equilibria")
     path = out / "recording.csv.gz"
-    write_recording(path, played.recording(seed, seed))
+    write_recording(path, played.recording(seed, seed, gain=GAIN))
     print(*(f"{what}: {how}" for what, how in twin.told.items()), sep="\n", flush=True)
     return path
 

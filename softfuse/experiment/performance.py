@@ -161,12 +161,18 @@ class Performance:
             for each, own in zip(names, parts, strict=True)
         ]
 
-    def recording(self, seed: int, noise: int) -> Columns:
-        """All rows as real sensors drawn from a seed say them, with noise from another, and the truth."""
+    def recording(self, seed: int, noise: int, *, gain: float = 0.0) -> Columns:
+        """All rows as real sensors drawn from a seed say them, with noise from another, and the truth; by the
+        part `gain` changes of readings are off at most, besides what data sheets of the sensors say.
+        """
         made, time = self.robot.made, self.frames.time_s
         columns = {"time_s": time}
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
         for k, sensor in enumerate(made.settings.sensors):
-            raw = sensor.simulate(made.parts, time, self.true(sensor.name), (seed, k), (seed, noise, k))
+            true = self.true(sensor.name)
+            if sensor.name in made.addresses.readings:
+                true = true + rng.uniform(-gain, gain, true.shape[1]) * (true - true[0])
+            raw = sensor.simulate(made.parts, time, true, (seed, k), (seed, noise, k))
             columns |= dict(zip(sensor.columns, raw.T, strict=True))
         truth = with_decimals(self.truth() | {"time_s": time})
         said = {name: (None, values) for name, values in (columns | self.commands).items()}

@@ -271,6 +271,11 @@ class SensorSettings(Settings):
         """What it measures of an equilibrium; None for one that sees contacts."""
 
     @property
+    def averaged_s(self) -> float:
+        """Time constant [s] of the exponential mean that its readings are, its `average`; 0 of none."""
+        return getattr(self, "average", 0.0)
+
+    @property
     def places(self) -> tuple[SeenPlace, ...]:
         """The named places where it sees contacts, none where these may be anywhere."""
         return ()

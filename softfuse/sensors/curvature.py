@@ -198,7 +198,7 @@ class BraggSettings(DirectSettings):
             nothing=size,
             gain=np.where(size > 0, self._gains(rng, len(size)), 1.0),
             zero=rng.normal(0.0, self.offset_sigma, len(size)) * size,
-            slow_sigma=self.drift * DRIFT_TIME_S * size,
-            slow_time=DRIFT_TIME_S,
+            drift=self.drift * size,
+            drift_time=DRIFT_TIME_S,
             noise=self.noise * size,
         )

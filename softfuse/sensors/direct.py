@@ -198,8 +198,8 @@ class DirectSettings(TareTimes, SensorSettings):
             nothing=nothing,
             gain=self._gains(rng, count),
             zero=rng.normal(0.0, offset_sigma, count) * per,
-            slow_sigma=drift * DRIFT_TIME_S * per,
-            slow_time=DRIFT_TIME_S,
+            drift=drift * per,
+            drift_time=DRIFT_TIME_S,
             noise=noise * per,
         )
 

@@ -130,7 +130,7 @@ class AttitudeSettings(_OrientationSettings):
         return equal_channels(
             4,
             zero=rng.normal(0.0, 0.5 * self.offset_sigma, 4),
-            slow_sigma=0.5 * self.drift * DRIFT_TIME_S,
-            slow_time=DRIFT_TIME_S,
+            drift=0.5 * self.drift,
+            drift_time=DRIFT_TIME_S,
             noise=0.5 * self.noise,
         )

@@ -41,6 +41,22 @@ def test_a_wander_is_stationary_and_forgets_in_its_time(times: np.ndarray) -> No
     assert correlation == pytest.approx(np.exp(-2.1 / 3.0), abs=0.05)
 
 
+@pytest.mark.parametrize("times", [TIMES, np.arange(0.0, 1200.0, 0.7)])
+def test_a_drift_keeps_its_rate_for_its_time(times: np.ndarray) -> None:
+    rate, memory, count = 2e-3, 20.0, 400
+    parts = equal_channels(count, noise=0.0, drift=rate, drift_time=memory)
+    drift = said(parts, *[0.0] * count, times=times, seed=3)
+    step = times[1] - times[0]
+    for seconds in (2 * step, 2.1, 20.0, 60.0):
+        lag = int(np.rint(seconds / step))
+        a = lag * step / memory
+        # The variance of a difference, from the process's covariance.
+        expected = rate * memory * np.sqrt(2.0 * (1.0 - (1.0 + a) * np.exp(-a)))
+        moved = drift[lag:] - drift[:-lag]
+        assert np.sqrt((moved**2).mean()) == pytest.approx(expected, rel=0.06)
+    assert drift[0].std() == pytest.approx(rate * memory, rel=0.1)
+
+
 def test_range_steps_gain_and_zero() -> None:
     step = 3.3 / 4096
     parts = equal_channels(
@@ -53,7 +69,9 @@ def test_range_steps_gain_and_zero() -> None:
 
 
 def test_the_same_seed_says_the_same_however_it_is_read() -> None:
-    parts = equal_channels(2, noise=1e-3, step=1e-6, low=-9.0, high=9.0, wander_sigma=1e-3, slow_sigma=1e-3)
+    parts = equal_channels(
+        2, noise=1e-3, step=1e-6, low=-9.0, high=9.0, wander_sigma=1e-3, slow_sigma=1e-3, drift=1e-3
+    )
     asked = np.tile([0.5, 1.0], (500, 1))
     whole, pieces, other = (Converter(parts, np.random.default_rng(seed)) for seed in (7, 7, 8))
     read = whole.read(TIMES[:500], asked)

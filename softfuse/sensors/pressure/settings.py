@@ -190,6 +190,6 @@ class PressureSettings(PartSettings):
         return self._converted(
             gain=1.0 + one * rng.normal(0.0, _GAIN_SIGMA * self.gain_sigma, len(one)),
             zero=one * rng.uniform(-bound, bound, len(one)),
-            slow_sigma=one * per_Pa * _DRIFT * self.tare.drift * _DRIFT_TIME_S,
-            slow_time=_DRIFT_TIME_S,
+            drift=one * per_Pa * _DRIFT * self.tare.drift,
+            drift_time=_DRIFT_TIME_S,
         )
