@@ -48,6 +48,10 @@ class AbstractConvert(eqx.Module):
     def __call__(self, raw: Float[Array, " n"]) -> Float[Array, " k"]:
         """Values (k,) of raw readings (n,); NaN where something is missing."""
 
+    def since(self, value: Float[Array, " k"], zero: Float[Array, " k"]) -> Float[Array, " k"]:
+        """Changes (k,) of values (k,) from those at rest, `zero` (k,)."""
+        return value - zero
+
     def beside_zero(self, change: Float[Array, " k"], offset_sigma: Float[Array, " k"]) -> Float[Array, " k"]:
         """Standard deviations (k,) of changes (k,) from a zero, which may be wrong by `offset_sigma` (k,),
         where taking it off is not all that there is to it; 0 where it is.
@@ -100,7 +104,7 @@ class Direct(AbstractSensor):
 
     def driven(self, state, raw):
         """Whether a value has changed by more than the body can make it."""
-        change = self.convert(raw) - state.tare.zero_Pa
+        change = self.convert.since(self.convert(raw), state.tare.zero_Pa)
         return jnp.any(jnp.where(jnp.isfinite(change), jnp.abs(change) > self.driven_above, False))
 
     def update(self, state, frame, raw, context):
@@ -112,7 +116,7 @@ class Direct(AbstractSensor):
             at_rest = read & context.resting
             finite = jnp.where(read, value, tare.zero_Pa)
             tare = tare_update(self.tare, tare, frame.dt_s, finite, self.noise, at_rest)
-        change = value - tare.zero_Pa
+        change = self.convert.since(value, tare.zero_Pa)
         share = jnp.where(
             self.average_s > 0, 1 - jnp.exp(-frame.dt_s / jnp.maximum(self.average_s, 1e-9)), 1.0
         )

@@ -5,6 +5,7 @@ A channel of liquid metal keeps its volume, so its resistance is R = R₀ (L/L�
 and Wood, J. Micromech. Microeng. 20 (2010) 125029); a fibre or encoder tells the length itself.
 """
 
+from dataclasses import replace
 from typing import Annotated, Literal, Self
 
 import jax.numpy as jnp
@@ -31,6 +32,10 @@ class LengthOfResistance(AbstractConvert):
         """Of resistances (k,) Ω; a negative one is none."""
         known = jnp.isfinite(raw) & (raw > 0)
         return jnp.where(known, self.rest * jnp.sqrt(jnp.where(known, raw, 1.0) / self.at_rest), jnp.nan)
+
+    def since(self, value, zero):
+        """As the resistance grows over that at rest, whatever that is."""
+        return self.rest * (value / zero - 1.0)
 
 
 class LineSettings(DirectSettings):
@@ -98,10 +103,11 @@ class LiquidMetalSettings(LineSettings):
         return self._at_rest * (1.0 + np.asarray(values) / self.lengths(parts)) ** 2
 
     def electronics(self, parts, rng):
-        """Channels that differ at rest and in gain."""
+        """Channels that are wider or narrower than drawn, all along, and differ in gain."""
         del parts
         ohm = 2.0 * self._at_rest
-        return self._virtual(rng, ohm, self.drift, nothing=self._at_rest)
+        made = self._virtual(rng, ohm, self.drift, nothing=self._at_rest)
+        return replace(made, gain=made.gain * (1.0 + made.zero / self._at_rest))
 
 
 class LineLengthSettings(LineSettings, ScaledSettings):

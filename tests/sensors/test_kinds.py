@@ -6,6 +6,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from sensor_tables import TABLES, settings_of
@@ -36,26 +37,30 @@ MEASURING = {
 """Kinds that measure, and how much of it is much."""
 
 TIME = 0.01 * np.arange(600)
-PRESSED = (TIME > 3.5) & (TIME < 5.5)
 RAMP = np.interp(TIME, [3.5, 4.2, 5.0, 5.5], [0.0, 1.0, 1.0, 0.0])
 
 
 @eqx.filter_jit
 def scan(suite: SensorSuite, raw):
-    return jax.lax.scan(lambda s, f: suite.update(s, *f), suite.init(), (TIME, raw))[1]
+    time = 0.01 * jnp.arange(len(raw))
+    return jax.lax.scan(lambda s, f: suite.update(s, *f), suite.init(), (time, raw))[1]
 
 
-def frames(kind: str, parts: Parts, *, seed: int | None):
+def frames(
+    kind: str, parts: Parts, *, seed: int | None, time=TIME, ramp=RAMP
+) -> tuple[SensorSuite, np.ndarray, np.ndarray]:
     """The sensor, a stage that tells when something presses, true values, and raw readings of both."""
     settings, stage = settings_of(kind), settings_of("indenter")
-    count = settings.functional(parts).count
+    functional = settings.functional(parts)
+    assert functional is not None
+    count = functional.count
     size = MEASURING[kind] * (1.0 - 0.3 * np.arange(count) / max(count, 1))
-    true = RAMP[:, None] * size
+    true = ramp[:, None] * size
     if kind == "bragg-gratings":
         true[:, ::3] *= 1e-4  # strains, not curvatures
-    ideal = settings.ideal(parts, TIME, true)
-    raw = ideal if seed is None else settings.simulate(parts, TIME, true, [seed], [seed, 1])
-    pressed = np.stack([0.0 * TIME, 0.0 * TIME, np.where(PRESSED, 1.0, 0.0)], axis=1)
+    ideal = settings.ideal(parts, time, true)
+    raw = ideal if seed is None else settings.simulate(parts, time, true, [seed], [seed, 1])
+    pressed = np.stack([0.0 * time, 0.0 * time, np.where(ramp > 0, 1.0, 0.0)], axis=1)
     suite = SensorSuite.of([settings, stage], parts)
     return suite, true, np.concatenate([raw, pressed], axis=1)
 
@@ -91,6 +96,19 @@ def test_readings_of_real_parts_are_as_sure_as_they_say(kind: str, parts: Parts)
     again = settings_of(kind).simulate(parts, TIME, true, [3], [3, 1])
     assert not np.array_equal(raw[:, : other.shape[1]], other)
     np.testing.assert_array_equal(raw[:, : again.shape[1]], again)
+
+
+@pytest.mark.parametrize("kind", sorted(set(MEASURING) - {"flow"}))
+def test_zeros_of_real_parts_drift_as_long_presses_are_told(kind: str, parts: Parts) -> None:
+    time = 0.01 * np.arange(2400)
+    ramp = np.interp(time, [3.5, 4.2], [0.0, 1.0])
+    off = []
+    for seed in range(6):
+        suite, true, raw = frames(kind, parts, seed=seed, time=time, ramp=ramp)
+        seen = jax.tree.map(np.asarray, scan(suite, raw))
+        off.append(((seen.reading - true) / seen.sigma)[[1400, 2399]])
+    # A wander of the same size after minutes would be ten times too far off after as many seconds.
+    assert np.sqrt(np.mean(np.square(off))) < 1.5
 
 
 @pytest.mark.parametrize("kind", MEASURING)
