@@ -18,6 +18,8 @@ AGREEING = 3
 """Doubted frames in a row that agree, from which on the clock is believed."""
 _FAR_STEPS = 10.0
 _FAR_S = 0.5
+_ENDLESS_S = 1e100
+"""No time is as large as this: steps between the largest numbers are infinite."""
 
 
 class FrameClock(NamedTuple):
@@ -59,7 +61,7 @@ def clock_init() -> FrameClock:
 def frame_step(clock: FrameClock, time_s: Float[Array, ""]) -> tuple[FrameClock, FrameTime]:
     """The clock after a frame that says `time_s` [s], and what that is worth."""
     started = jnp.isfinite(clock.time_s)
-    known = jnp.isfinite(time_s)
+    known = jnp.abs(time_s) < _ENDLESS_S
     # Inside as well: a difference to −∞ has no derivative.
     ahead = time_s - jnp.where(started, clock.time_s, time_s)
     far = jnp.maximum(_FAR_STEPS * clock.usual_s, _FAR_S)
