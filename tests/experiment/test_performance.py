@@ -93,6 +93,16 @@ def test_the_body_decides_about_parts_and_the_other_seed_about_noise(played: Per
     assert abs(one[:50].mean() - other[:50].mean()) > 0.2e-3
 
 
+def test_gains_of_a_twin_are_off_as_far_as_asked(played: Performance) -> None:
+    plain, off, again = (played.recording(1, 1, gain=gain)["flow1_V"][1] for gain in (0.0, 0.2, 0.2))
+    np.testing.assert_array_equal(off, again)
+    flow = plain - plain[:20].mean()
+    ratio = (off - plain) @ flow / (flow @ flow)
+    assert 1e-3 < abs(ratio) < 0.2
+    # All of the change is off alike, and the zero is not.
+    np.testing.assert_allclose(off - plain, ratio * flow, atol=0.05 * np.abs(off - plain).max() + 2e-3)
+
+
 def test_boards_are_those_that_see_contacts_and_the_rest(played: Performance) -> None:
     assert played.apart == (("x_mm", "y_mm", "force_N"), ("flow0_V", "flow1_V"))
     beam = virtual_robot(settings_of(BEAM), MakingErrors(nodes=0))

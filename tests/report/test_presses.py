@@ -1,8 +1,11 @@
 """What recordings hold of presses, against the truth."""
 
+from pathlib import Path
+
 import numpy as np
 
-from softfuse.report.presses import without_lag
+from softfuse.report.presses import of_noise_alone, without_lag
+from softfuse.robot.file import load
 
 TIME = np.arange(400) * 0.01
 RISING = 0.5
@@ -44,3 +47,11 @@ def test_where_a_reading_is_missing_it_is_the_mean():
     found = without_lag(TIME, readings, valid, np.array([0.2]), np.array([200, 250]))
     assert found[0] == readings[200]
     assert found[1] > readings[250]
+
+
+def test_gains_and_models_that_are_off_are_no_noise():
+    settings = load(Path(__file__).parents[2] / "configs" / "pneunet.toml")
+    dome = load(Path(__file__).parents[2] / "configs" / "dome.toml")
+    assert all(sensor.gain_sigma == 0.0 for sensor in of_noise_alone(settings).sensors)
+    (pressure,) = of_noise_alone(dome).sensors
+    assert pressure.gain_sigma == pressure.model_error == 0.0 and pressure.noise == dome.sensors[0].noise
