@@ -95,8 +95,8 @@ def fit(
     """
     if not presses.told.any():
         raise SoftfuseError(
-            "no sample of the presses has a reading to fit: zeros are taken before the first press, while for "
-            "some seconds nothing touches the robot and no actuator drives it, cables within their slack"
+            "no sample of the presses has a reading to fit: zeros are taken before the first press, while "
+            "for some seconds nothing touches the robot and no actuator drives it, cables within their slack"
         )
     prior = np.asarray(adjustable.adjustments.sigma)
     group = _groups(presses)
