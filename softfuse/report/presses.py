@@ -169,14 +169,16 @@ def parse_presses(text: str) -> set[int]:
 
 
 def of_noise_alone(settings: RobotSettings) -> RobotSettings:
-    """The settings of sensors whose standard deviations are those of noise and zeros alone: a model's errors
-    and gains that are off are the same in all presses, which is what a fit finds.
+    """The settings of sensors whose standard deviations are those of noise and zeros alone, where they hold a
+    model's errors: these and gains that are off are the same in all presses, which is what a fit finds.
     """
-    sensors = []
-    for sensor in settings.sensors:
-        own = {"model_error": sensor.errs_with_model, "gain_sigma": hasattr(sensor, "gain_sigma")}
-        sensors.append(sensor.model_copy(update={key: 0.0 for key, has in own.items() if has}))
-    return settings.model_copy(update={"sensors": tuple(sensors)})
+    sensors = tuple(
+        sensor.model_copy(update={"model_error": 0.0, "gain_sigma": 0.0})
+        if sensor.errs_with_model
+        else sensor
+        for sensor in settings.sensors
+    )
+    return settings.model_copy(update={"sensors": sensors})
 
 
 def felt_presses(
