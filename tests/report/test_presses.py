@@ -6,6 +6,7 @@ import numpy as np
 
 from softfuse.report.presses import of_noise_alone, without_lag
 from softfuse.robot.file import load
+from softfuse.sensors.pressure.settings import PressureSettings
 
 TIME = np.arange(400) * 0.01
 RISING = 0.5
@@ -51,5 +52,6 @@ def test_where_a_reading_is_missing_it_is_the_mean():
 
 def test_gains_and_models_that_are_off_are_no_noise():
     dome = load(Path(__file__).parents[2] / "configs" / "dome.toml")
-    (pressure,) = of_noise_alone(dome).sensors
-    assert pressure.gain_sigma == pressure.model_error == 0.0 and pressure.noise == dome.sensors[0].noise
+    (pressure,), (drawn,) = of_noise_alone(dome).sensors, dome.sensors
+    assert isinstance(pressure, PressureSettings) and isinstance(drawn, PressureSettings)
+    assert pressure.gain_sigma == pressure.model_error == 0.0 and pressure.noise == drawn.noise > 0.0
