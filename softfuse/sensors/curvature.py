@@ -32,7 +32,7 @@ from softfuse.io.quantity import (
 from softfuse.io.settings import Direction, NotEmpty, Vector, listed
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.sensors.base import Names
-from softfuse.sensors.direct import DRIFT_TIME_S, AbstractConvert, DirectSettings
+from softfuse.sensors.direct import AbstractConvert, DirectSettings
 from softfuse.sensors.electronics import equal_channels
 from softfuse.sensors.parameters import parameters
 
@@ -199,6 +199,5 @@ class BraggSettings(DirectSettings):
             gain=np.where(size > 0, self._gains(rng, len(size)), 1.0),
             zero=rng.normal(0.0, self.offset_sigma, len(size)) * size,
             drift=self.drift * size,
-            drift_time=DRIFT_TIME_S,
             noise=self.noise * size,
         )

@@ -37,9 +37,6 @@ if TYPE_CHECKING:
 _GAIN_SIGMA = 0.5
 """Of virtual parts, in parts of what their settings allow."""
 
-DRIFT_TIME_S = 600.0
-"""How long a virtual zero drifts one way."""
-
 
 class AbstractConvert(eqx.Module):
     """From raw readings to what they mean in SI, and back."""
@@ -203,7 +200,6 @@ class DirectSettings(TareTimes, SensorSettings):
             gain=self._gains(rng, count),
             zero=rng.normal(0.0, offset_sigma, count) * per,
             drift=drift * per,
-            drift_time=DRIFT_TIME_S,
             noise=noise * per,
         )
 

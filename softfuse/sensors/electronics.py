@@ -25,6 +25,9 @@ from scipy.special import gammainc
 Values = float | Float[np.ndarray, " k"]
 """One for all of k channels, or one for each."""
 
+DRIFT_TIME_S = 600.0
+"""How long a virtual zero drifts one way, where nothing else is said."""
+
 _SAME_S = 1e-7
 """Difference below which two times between samples are the same [s]."""
 
@@ -69,7 +72,7 @@ def equal_channels(
     slow_sigma: Values = 0.0,
     slow_time: Values = 1.0,
     drift: Values = 0.0,
-    drift_time: Values = 1.0,
+    drift_time: Values = DRIFT_TIME_S,
 ) -> ChannelElectronics:
     """`count` channels; the options are the fields of ChannelElectronics.
 

@@ -16,7 +16,7 @@ from softfuse.functional.orientation import DirectionInPatch, PatchRotation, rot
 from softfuse.io.quantity import PositiveAcceleration, PositiveAngle, PositiveLength
 from softfuse.mechanics.reading import ShapeReading
 from softfuse.sensors.axes import WORLD, Axes
-from softfuse.sensors.direct import DRIFT_TIME_S, AbstractConvert, DirectSettings, Scaled, ScaledSettings
+from softfuse.sensors.direct import AbstractConvert, DirectSettings, Scaled, ScaledSettings
 from softfuse.sensors.electronics import equal_channels
 
 
@@ -131,6 +131,5 @@ class AttitudeSettings(_OrientationSettings):
             4,
             zero=rng.normal(0.0, 0.5 * self.offset_sigma, 4),
             drift=0.5 * self.drift,
-            drift_time=DRIFT_TIME_S,
             noise=0.5 * self.noise,
         )

@@ -35,8 +35,8 @@ from softfuse.sensors.transfer import PartSettings, PositiveRaw, Raw
 _SLOPE = Dimension("an output per pressure", "Pa^-1", "0.009 kPa^-1")
 
 # Of virtual parts: bound of zeros in parts of `error`, spread of gains in parts of `gain_sigma`, drift of the
-# gas in parts of the tare's, and how long it drifts one way.
-_ZERO_BOUND, _GAIN_SIGMA, _DRIFT, _DRIFT_TIME_S = 1.0, 0.5, 0.1, 600.0
+# gas in parts of the tare's.
+_ZERO_BOUND, _GAIN_SIGMA, _DRIFT = 1.0, 0.5, 0.1
 
 
 class TareSettings(TareTimes):
@@ -191,5 +191,4 @@ class PressureSettings(PartSettings):
             gain=1.0 + one * rng.normal(0.0, _GAIN_SIGMA * self.gain_sigma, len(one)),
             zero=one * rng.uniform(-bound, bound, len(one)),
             drift=one * per_Pa * _DRIFT * self.tare.drift,
-            drift_time=_DRIFT_TIME_S,
         )
